@@ -1,0 +1,1 @@
+"""The robot: what the laboratory builds, simulates, measures and improves."""

@@ -1,0 +1,1 @@
+"""The laboratory: scenes, replay, reports, views and the command line."""

@@ -1,0 +1,1 @@
+"""Dashboards. The only modules of the project that import rerun."""

@@ -1,0 +1,1 @@
+"""The ground floor: signals with units and time, recordings in and out, imports, tables."""

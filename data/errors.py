@@ -1,0 +1,38 @@
+"""Every error the project raises on purpose."""
+
+from pathlib import Path
+
+
+class CatheterError(Exception):
+    """Root of all the project's errors: one sentence with numbers and a remedy."""
+
+
+class BadInput(CatheterError):
+    """Something given to the project is not what it must be.
+
+    The message names the place (file, line, field or topic), the value found and what was
+    expected there.
+    """
+
+    def __init__(self, place: object, found: str, expected: str = "") -> None:
+        self.place, self.found, self.expected = str(place), found, expected
+        super().__init__(f"{place}: {found}" + (f"; {expected}" if expected else ""))
+
+
+class DamagedRecording(BadInput):
+    """A recording whose bytes are not the bytes that were written."""
+
+
+class CannotWrite(CatheterError):
+    """An output that would overwrite something, or a place that cannot be written."""
+
+    def __init__(self, path: Path | str, reason: str) -> None:
+        super().__init__(f"{path}: {reason}")
+
+
+class DidNotConverge(CatheterError):
+    """A solver ended above its tolerance; the message has the residual and a remedy."""
+
+
+class RecordingCut(UserWarning):
+    """A recording ends before its end: what came before the cut is sound and was read."""

@@ -1,0 +1,215 @@
+"""Writing recordings: MCAP with protobuf messages, zstd, checksums, and nothing ever lost."""
+
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from data import message
+from data.errors import BadInput, CatheterError
+from data.files import cannot_write, check_free, place, unused
+from data.signal import Array, Signal
+from data.topics import Topic
+
+CHUNK_BYTES = 1 << 20
+LIBRARY = "catheter-robot-toolkit"
+
+
+class Recorder:
+    """Writes one recording, as a context manager.
+
+        origin = {"kind": "measured", "who": "bench 2", "when": "2026-11-22"}
+        with Recorder("run.mcap", origin) as recorder:
+            recorder.add(standard("/pressure"))
+            recorder.write("/pressure", 0.012, 101.3e3)
+
+    Until it is complete the file is named run.partial.mcap; complete, it moves to run.mcap in one
+    step. A crash or a kill leaves the partial file, readable up to the last flush: a flush closes
+    the open chunk every `flush_s` seconds of real time (None: only when a chunk is full, for data
+    that is made faster than it happens). An older run.mcap stays untouched until then, and is
+    replaced only with `replace`.
+
+    origin: must say `kind`: "simulated" or "measured". scene: the scene's TOML text.
+    truth: the parameters that made a simulated recording. notes: further metadata records.
+    start_ns: the wall clock at time 0, nanoseconds since 1970 (0 when there is none).
+    Raises CannotWrite for a place that is taken, missing or full, BadInput for data no reader
+    could trust: no origin, a wrong shape, time that does not increase within a topic.
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        origin: Mapping[str, str],
+        *,
+        scene: str = "",
+        truth: Mapping[str, str] | None = None,
+        notes: Mapping[str, Mapping[str, str]] | None = None,
+        start_ns: int = 0,
+        flush_s: float | None = 1.0,
+        replace: bool = False,
+    ) -> None:
+        self.path = Path(path)
+        self.partial = self.path
+        self._records = _metadata(origin, scene, truth, notes)
+        self._start_ns, self._flush_s, self._replace = start_ns, flush_s, replace
+        self._topics: dict[str, tuple[Topic, int]] = {}
+        self._schemas: dict[tuple[str, tuple[str, ...]], int] = {}
+        self._last_ns: dict[str, int] = {}
+        self._lock = threading.Lock()
+        self._stop = threading.Event()
+
+    def __enter__(self) -> Self:
+        """Open the partial file, write what the recording is, and start the flush timer."""
+        from mcap.writer import CompressionType, Writer
+
+        check_free(self.path, self._replace)
+        self.partial = unused(self.path.with_stem(f"{self.path.stem}.partial"))
+        try:
+            self._file = self.partial.open("xb")
+            self._writer = Writer(
+                self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True
+            )
+            self._writer.start(library=LIBRARY)
+            for name, fields in self._records.items():
+                self._writer.add_metadata(name, dict(fields))
+            self._writer.flush()
+        except OSError as error:
+            raise cannot_write(self.path, error) from error
+        if self._flush_s is not None:
+            self._timer = threading.Thread(target=self._flush_often, args=(self._flush_s,), daemon=True)
+            self._timer.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+        """Finish the file; move it to its place unless the block failed."""
+        self._stop.set()
+        with self._lock:
+            try:
+                self._writer.finish()
+                self._file.close()
+            except OSError as failure:
+                self._close_quietly()
+                raise cannot_write(self.path, failure) from failure
+        if error is None:
+            place(self.partial, self.path, self._replace)
+        elif isinstance(error, CatheterError):
+            error.add_note(f"what was recorded before that is kept in {self.partial}")
+
+    def add(self, topic: Topic) -> None:
+        """Declare a topic; once for each, before its first message."""
+        if topic.name in self._topics:
+            raise BadInput(topic.name, "was added before", "a topic is added once")
+        key = (topic.schema_name, topic.components)
+        with self._lock:
+            if key not in self._schemas:
+                camera = topic.is_camera
+                data = message.camera_schema() if camera else message.schema(*key)
+                self._schemas[key] = self._writer.register_schema(key[0], "protobuf", data)
+            channel = self._writer.register_channel(topic.name, "protobuf", self._schemas[key], topic.metadata())
+        self._topics[topic.name] = (topic, channel)
+
+    def write(self, name: str, time_s: float, values: ArrayLike) -> None:
+        """Write one message: `values` holds a number for each component, in SI."""
+        row = np.atleast_2d(np.asarray(values, dtype=np.float64))
+        self._write_rows([(name, np.array([time_s], dtype=np.float64), row)])
+
+    def write_signals(self, signals: Mapping[str, Signal]) -> None:
+        """Write whole signals (or blocks of them), topic -> signal, merged by time."""
+        rows = [(name, s.time_s, s.value[:, None] if s.value.ndim == 1 else s.value) for name, s in signals.items()]
+        for name, signal in signals.items():
+            unit = set(self._known(name)[0].units)
+            if unit != {signal.unit}:
+                raise BadInput(name, f"signal is in {signal.unit!r}", f"the topic is in {sorted(unit)}")
+        self._write_rows(rows)
+
+    def write_picture(self, name: str, time_s: float, picture: bytes, picture_format: str = "jpeg") -> None:
+        """Write one encoded picture ("jpeg", "png" or "webp") to a camera topic."""
+        topic, channel = self._known(name)
+        if not topic.is_camera:
+            raise BadInput(name, "is no camera", f"it holds {topic.components}")
+        stamp = self._stamps(name, np.array([time_s], dtype=np.float64))[0]
+        data = message.encode_picture(int(stamp), topic.frame or name, picture, picture_format)
+        self._put([(int(stamp), channel, data)])
+
+    def _write_rows(self, rows: list[tuple[str, Array, Array]]) -> None:
+        messages: list[tuple[int, int, bytes]] = []
+        for name, time_s, values in rows:
+            topic, channel = self._known(name)
+            if values.ndim != 2 or values.shape[1] != len(topic.components) or topic.is_camera:
+                raise BadInput(name, f"got values of shape {values.shape}", f"its components are {topic.components}")
+            table = message.encode(values)
+            data, size = table.tobytes(), table.itemsize
+            stamps = self._stamps(name, time_s).tolist()
+            messages += [(ns, channel, data[i * size : (i + 1) * size]) for i, ns in enumerate(stamps)]
+        if len(rows) > 1:
+            messages.sort(key=lambda item: item[0])
+        self._put(messages)
+
+    def _stamps(self, name: str, time_s: Array) -> Any:
+        """Return int64 nanoseconds since 1970, checked to follow what the topic holds."""
+        if not np.isfinite(time_s).all() or (np.abs(time_s) > 1e9).any():
+            bad = time_s[~(np.abs(time_s) <= 1e9)][0]
+            raise BadInput(name, f"time is {bad} s", "expected finite seconds since the recording's start")
+        stamps = self._start_ns + np.rint(time_s * 1e9).astype(np.int64)
+        if len(stamps) and stamps[0] < 0:
+            raise BadInput(name, f"time {time_s[0]} s lies before 1970", "MCAP stamps cannot be negative")
+        before = self._last_ns.get(name, -1)
+        steps = np.diff(stamps, prepend=before)
+        if (steps <= 0).any():
+            at = int(np.flatnonzero(steps <= 0)[0])
+            raise BadInput(name, f"time {time_s[at]:.9g} s does not come after the one before", "stamps must increase")
+        if len(stamps):
+            self._last_ns[name] = int(stamps[-1])
+        return stamps
+
+    def _known(self, name: str) -> tuple[Topic, int]:
+        if name not in self._topics:
+            raise BadInput(name, "was not added", f"known topics: {', '.join(self._topics) or 'none'}")
+        return self._topics[name]
+
+    def _put(self, messages: list[tuple[int, int, bytes]]) -> None:
+        try:
+            with self._lock:
+                for stamp, channel, data in messages:
+                    self._writer.add_message(channel, log_time=stamp, data=data, publish_time=stamp)
+        except OSError as error:
+            raise cannot_write(self.path, error) from error
+
+    def _flush_often(self, every_s: float) -> None:
+        while not self._stop.wait(every_s):
+            with self._lock:
+                if self._stop.is_set():
+                    return
+                try:
+                    self._writer.flush()
+                except OSError:  # a full disk: the next write, or the end, meets it again and says so
+                    return
+
+    def _close_quietly(self) -> None:
+        try:
+            self._file.close()
+        except OSError:  # closing flushes, and the disk is what failed
+            return
+
+
+def _metadata(
+    origin: Mapping[str, str],
+    scene: str,
+    truth: Mapping[str, str] | None,
+    notes: Mapping[str, Mapping[str, str]] | None,
+) -> dict[str, Mapping[str, str]]:
+    kind = origin.get("kind")
+    if kind not in ("simulated", "measured"):
+        raise BadInput("origin, kind", f"is {kind!r}", "expected 'simulated' or 'measured'")
+    if truth and kind == "measured":
+        raise BadInput("truth", "given for a measured recording", "only a simulation knows its truth")
+    found: dict[str, Mapping[str, str]] = {"origin": origin}
+    if scene:
+        found["scene"] = {"toml": scene}
+    if truth:
+        found["truth"] = truth
+    return found | dict(notes or {})

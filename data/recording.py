@@ -1,0 +1,265 @@
+"""Reading recordings: columns of a topic, windows of time, pictures one by one, checksums always."""
+
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from mcap.records import Message
+
+from data import container, message
+from data.errors import BadInput, RecordingCut
+from data.signal import Array, Signal, check_increasing
+from data.topics import CAMERA_SCHEMA, Topic, from_metadata
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+# One fixed set of words for what a user may find in `Recording.kind`.
+SIMULATED, MEASURED, UNSTATED = "simulated", "measured", "unstated"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One encoded picture of a camera topic: seconds from the start, "jpeg" or "png", the bytes."""
+
+    time_s: float
+    format: str
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Channel:
+    """What a topic of this file is. `unreadable` says why its numbers cannot be had, if so."""
+
+    topic: Topic
+    ids: tuple[int, ...]
+    messages: int
+    unreadable: str = ""
+
+
+class Recording:
+    """One recording, read on demand; a context manager.
+
+        with Recording("run.mcap") as recording:
+            pressure = recording.signal("/pressure")
+
+    Whatever the file's length, memory holds one chunk and what is asked for. Every chunk that is
+    read has its checksum verified. A file that was cut off is read up to the cut, which `cut` and
+    a RecordingCut warning put in words. Times are seconds from `start_ns`, the first message.
+    Raises BadInput for a file that is no recording, DamagedRecording for one whose bytes changed.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        try:
+            self._file = self.path.open("rb")
+        except OSError as error:
+            raise BadInput(self.path, f"cannot be read: {error.strerror}", "name a recording") from error
+        try:
+            self._contents = container.walk(self._file, self.path)
+            self.channels = self._describe()
+            self.start_ns, self.end_ns = self._span()
+        except BaseException:
+            self._file.close()
+            raise
+        self.cut = self._contents.cut
+        if self.cut:
+            warnings.warn(f"{self.path} was {self.cut}", RecordingCut, stacklevel=2)
+
+    def __enter__(self) -> Self:
+        """Return the recording itself."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+        """Close the file."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the file; what was read stays."""
+        self._file.close()
+
+    @property
+    def metadata(self) -> dict[str, dict[str, str]]:
+        """The metadata records by name: origin, scene, truth, import."""
+        return self._contents.metadata
+
+    @property
+    def kind(self) -> str:
+        """'simulated', 'measured', or 'unstated' when the file does not say."""
+        found = self.metadata.get("origin", {}).get("kind", UNSTATED)
+        return found if found in (SIMULATED, MEASURED) else UNSTATED
+
+    @property
+    def scene(self) -> str:
+        """The TOML text of the scene that was recorded, or an empty text."""
+        return self.metadata.get("scene", {}).get("toml", "")
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the first to the last message."""
+        return (self.end_ns - self.start_ns) / 1e9
+
+    def signal(
+        self,
+        topic: str,
+        component: str | None = None,
+        *,
+        start_s: float | None = None,
+        end_s: float | None = None,
+    ) -> Signal:
+        """Return a topic's samples with start_s <= time < end_s, in SI.
+
+        One component is an (n,) signal, several an (n, k) one; components in different units
+        must be asked for one by one. Raises BadInput naming the topic and what there is instead.
+        """
+        parts = list(self.blocks(topic, component, start_s=start_s, end_s=end_s))
+        columns, unit, channel = self._columns(topic, component)
+        single = len(columns) == 1
+        width = () if single else (len(columns),)
+        return Signal(
+            np.concatenate([part.time_s for part in parts]) if parts else np.empty(0),
+            np.concatenate([part.value for part in parts]) if parts else np.empty((0, *width)),
+            unit,
+            channel.topic.frame,
+            () if single else tuple(channel.topic.components[i] for i in columns),
+            channel.topic.note,
+            topic if component is None else f"{topic}:{component}",
+        )
+
+    def blocks(
+        self,
+        topic: str,
+        component: str | None = None,
+        *,
+        start_s: float | None = None,
+        end_s: float | None = None,
+    ) -> Iterator[Signal]:
+        """Yield a topic piece by piece, one chunk's samples at a time; arguments as for `signal`."""
+        columns, unit, channel = self._columns(topic, component)
+        place = f"{self.path}, {topic}"
+        base = Signal(np.empty(0), np.empty(0), unit, channel.topic.frame, (), channel.topic.note, topic)
+        last_s = -np.inf
+        for stamps, data in self._messages(channel, start_s, end_s):
+            values = message.decode(data, len(channel.topic.components), place)[:, columns]
+            time_s = self._seconds(stamps)
+            check_increasing(np.append(last_s, time_s) if np.isfinite(last_s) else time_s, place)
+            last_s = time_s[-1]
+            names = tuple(channel.topic.components[i] for i in columns)
+            if len(columns) == 1:
+                yield replace(base, time_s=time_s, value=values[:, 0])
+            else:
+                yield replace(base, time_s=time_s, value=values, components=names)
+
+    def pictures(self, topic: str, *, start_s: float | None = None, end_s: float | None = None) -> Iterator[Picture]:
+        """Yield a camera topic's pictures one by one, still encoded."""
+        channel = self._channel(topic)
+        if not channel.topic.is_camera:
+            raise BadInput(f"{self.path}, {topic}", "is no camera", f"it holds {channel.topic.components}")
+        for stamps, data in self._messages(channel, start_s, end_s):
+            for time_s, content in zip(self._seconds(stamps), data, strict=True):
+                picture, kind = message.decode_picture(content, f"{self.path}, {topic} at t = {time_s:.3f} s")
+                yield Picture(float(time_s), kind, picture)
+
+    def to_frame(self, topics: Sequence[str] | None = None) -> "pd.DataFrame":
+        """Return topics as a pandas DataFrame: index time_s, columns such as '/force [N]'.
+
+        Topics with clocks of their own meet in one index; where one has no sample stands NaN.
+        """
+        import pandas as pd
+
+        columns = {}
+        for name in topics or [n for n, c in self.channels.items() if not c.unreadable and not c.topic.is_camera]:
+            topic = self._channel(name).topic
+            for component, unit in zip(topic.components, topic.units, strict=True):
+                signal = self.signal(name, component)
+                label = name if len(topic.components) == 1 else f"{name}:{component}"
+                columns[f"{label} [{unit}]"] = pd.Series(signal.value, index=pd.Index(signal.time_s, name="time_s"))
+        return pd.DataFrame(columns)
+
+    def _describe(self) -> dict[str, Channel]:
+        """Return the channels by topic; several channels of one topic and schema are one."""
+        found: dict[str, Channel] = {}
+        for number, channel in self._contents.channels.items():
+            count = sum(chunk.counts.get(number, 0) for chunk in self._contents.chunks)
+            schema = self._contents.schemas.get(channel.schema_id)
+            topic, unreadable = _readable(channel, schema)
+            before = found.get(channel.topic)
+            if before and before.topic != topic:
+                raise BadInput(f"{self.path}, {channel.topic}", "stands twice with different content")
+            ids, messages = (before.ids, before.messages) if before else ((), 0)
+            found[channel.topic] = Channel(topic, (*ids, number), messages + count, unreadable)
+        return dict(sorted(found.items()))
+
+    def _span(self) -> tuple[int, int]:
+        chunks = [chunk for chunk in self._contents.chunks if chunk.counts or not chunk.indexed]
+        loose = [container.loose_message(self._file, place, self.path).log_time for place in self._contents.loose]
+        starts = [chunk.start_ns for chunk in chunks] + loose
+        ends = [chunk.end_ns for chunk in chunks] + loose
+        return (min(starts), max(ends)) if starts else (0, 0)
+
+    def _channel(self, topic: str) -> Channel:
+        if topic not in self.channels:
+            found = ", ".join(self.channels) or "none"
+            raise BadInput(self.path, f"has no topic {topic}", f"topics are: {found}")
+        channel = self.channels[topic]
+        if channel.unreadable:
+            raise BadInput(f"{self.path}, {topic}", f"cannot be read: {channel.unreadable}")
+        return channel
+
+    def _columns(self, topic: str, component: str | None) -> tuple[list[int], str, Channel]:
+        channel = self._channel(topic)
+        names, units = channel.topic.components, channel.topic.units
+        if channel.topic.is_camera:
+            raise BadInput(f"{self.path}, {topic}", "is a camera", "read it with `pictures`")
+        if component is not None and component not in names:
+            raise BadInput(f"{self.path}, {topic}", f"has no component {component!r}", f"components are {names}")
+        columns = list(range(len(names))) if component is None else [names.index(component)]
+        if len({units[i] for i in columns}) > 1:
+            raise BadInput(f"{self.path}, {topic}", f"components are in {units}", f"name one of {names}")
+        return columns, units[columns[0]], channel
+
+    def _messages(
+        self, channel: Channel, start_s: float | None, end_s: float | None
+    ) -> Iterator[tuple[list[int], list[bytes]]]:
+        """Yield (stamps, messages) of a channel, chunk by chunk, in the order of the file."""
+        start = -np.inf if start_s is None else self.start_ns + start_s * 1e9
+        end = np.inf if end_s is None else self.start_ns + end_s * 1e9
+        for records in self._groups(channel, start, end):
+            kept = [m for m in records if m.channel_id in channel.ids and start <= m.log_time < end]
+            if kept:
+                yield [m.log_time for m in kept], [m.data for m in kept]
+
+    def _groups(self, channel: Channel, start: float, end: float) -> Iterator[list[Message]]:
+        for chunk in self._contents.chunks:
+            wanted = not chunk.indexed or any(number in chunk.counts for number in channel.ids)
+            if wanted and chunk.end_ns >= start and chunk.start_ns < end:
+                records = container.chunk_records(self._file, chunk, self.path)
+                yield [record for record in records if isinstance(record, Message)]
+        if self._contents.loose:
+            yield [container.loose_message(self._file, place, self.path) for place in self._contents.loose]
+
+    def _seconds(self, stamps: list[int]) -> Array:
+        return np.asarray((np.array(stamps, np.int64) - self.start_ns) / 1e9)
+
+
+def _readable(channel: Any, schema: Any) -> tuple[Topic, str]:
+    """Return (topic, why it cannot be read) of an MCAP channel and its schema."""
+    empty = Topic(name="/unnamed", components=(), units=())
+    try:
+        empty = Topic(name=channel.topic, components=(), units=())
+        if channel.message_encoding != "protobuf" or schema is None:
+            return empty, f"messages are {channel.message_encoding or 'of no stated encoding'!r}, not protobuf"
+        if schema.name == CAMERA_SCHEMA:
+            return from_metadata(channel.topic, (), dict(channel.metadata)), ""
+        components = message.components_of(schema.data, schema.name)
+        if not components:
+            return empty, f"schema {schema.name!r} is not made of optional doubles"
+        return from_metadata(channel.topic, components, dict(channel.metadata)), ""
+    except BadInput as error:
+        return empty, str(error)
+
+

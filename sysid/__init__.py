@@ -1,0 +1,1 @@
+"""System identification: regressors, non-negative least squares, hysteresis operators."""
