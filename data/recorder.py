@@ -34,7 +34,7 @@ class Recorder:
     replaced only with `replace`.
 
     origin: must say `kind`: "simulated" or "measured". scene: the scene's TOML text.
-    truth: the parameters that made a simulated recording. notes: further metadata records.
+    truth: the parameters that made a simulated recording.
     start_ns: the wall clock at time 0, nanoseconds since 1970 (0 when there is none).
     Raises CannotWrite for a place that is taken, missing or full, BadInput for data no reader
     could trust: no origin, a wrong shape, time that does not increase within a topic.
@@ -47,14 +47,13 @@ class Recorder:
         *,
         scene: str = "",
         truth: Mapping[str, str] | None = None,
-        notes: Mapping[str, Mapping[str, str]] | None = None,
         start_ns: int = 0,
         flush_s: float | None = 1.0,
         replace: bool = False,
     ) -> None:
         self.path = Path(path)
         self.partial = self.path
-        self._records = _metadata(origin, scene, truth, notes)
+        self._records = _metadata(origin, scene, truth)
         self._start_ns, self._flush_s, self._replace = start_ns, flush_s, replace
         self._topics: dict[str, tuple[Topic, int]] = {}
         self._schemas: dict[tuple[str, tuple[str, ...]], int] = {}
@@ -111,6 +110,14 @@ class Recorder:
                 self._schemas[key] = self._writer.register_schema(key[0], "protobuf", data)
             channel = self._writer.register_channel(topic.name, "protobuf", self._schemas[key], topic.metadata())
         self._topics[topic.name] = (topic, channel)
+
+    def note(self, name: str, fields: Mapping[str, str]) -> None:
+        """Write a metadata record, at any time before the end."""
+        try:
+            with self._lock:
+                self._writer.add_metadata(name, dict(fields))
+        except OSError as error:
+            raise cannot_write(self.path, error) from error
 
     def write(self, name: str, time_s: float, values: ArrayLike) -> None:
         """Write one message: `values` holds a number for each component, in SI."""
@@ -200,7 +207,6 @@ def _metadata(
     origin: Mapping[str, str],
     scene: str,
     truth: Mapping[str, str] | None,
-    notes: Mapping[str, Mapping[str, str]] | None,
 ) -> dict[str, Mapping[str, str]]:
     kind = origin.get("kind")
     if kind not in ("simulated", "measured"):
@@ -212,4 +218,4 @@ def _metadata(
         found["scene"] = {"toml": scene}
     if truth:
         found["truth"] = truth
-    return found | dict(notes or {})
+    return found

@@ -1,0 +1,98 @@
+"""Frozen dataclasses read from TOML: units converted, unknown keys and impossible values refused."""
+
+import difflib
+import tomllib
+import types
+from collections.abc import Iterable, Mapping
+from dataclasses import MISSING, field, fields
+from pathlib import Path
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+
+from data.errors import BadInput
+from data.units import quantity
+
+T = TypeVar("T")
+
+
+def option(
+    default: Any = MISSING,
+    *,
+    unit: str = "",
+    least: float | None = None,
+    most: float | None = None,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    """Declare a field of an options dataclass.
+
+    unit: the SI unit of a float, which TOML then gives as text ("83 kPa"). least, most: bounds
+    in SI, both allowed themselves. choices: the words a text may be.
+    """
+    metadata = {"unit": unit, "least": least, "most": most, "choices": choices}
+    return field(metadata=metadata) if default is MISSING else field(default=default, metadata=metadata)
+
+
+def load_toml(path: Path) -> tuple[dict[str, Any], str]:
+    """Return a TOML file's tables and its text. Raises BadInput naming the file, and the line of a fault."""
+    try:
+        text = path.read_text(encoding="utf-8")
+        return tomllib.loads(text), text
+    except OSError as error:
+        raise BadInput(path, f"cannot be read: {error.strerror}", "name a TOML file") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise BadInput(path, f"is not TOML: {error}") from error
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return 'did you mean ...' for a misspelt name, with all the known ones."""
+    names = list(known)
+    close = difflib.get_close_matches(name, names, n=1)
+    return (f"did you mean {close[0]!r}? " if close else "") + f"known: {', '.join(names) or 'none'}"
+
+
+def read(kind: type[T], table: object, place: str) -> T:
+    """Return an options object of dataclass `kind` from a TOML table.
+
+    Raises BadInput naming the place and key for a missing or unknown key, a wrong type, a wrong
+    unit, or a value out of bounds.
+    """
+    if not isinstance(table, Mapping):
+        raise BadInput(place, f"is {table!r:.60}", "expected a table")
+    hints = get_type_hints(kind)
+    known = {f.name: f for f in fields(kind)}  # type: ignore[arg-type]
+    for key in table:
+        if key not in known:
+            raise BadInput(f"{place}, {key}", "is no such key", nearest(key, known))
+    values = {}
+    for name, f in known.items():
+        if name in table:
+            values[name] = _convert(table[name], hints[name], f.metadata, f"{place}, {name}")
+        elif f.default is MISSING and f.default_factory is MISSING:
+            raise BadInput(f"{place}, {name}", "is missing", "it must be given")
+    return kind(**values)
+
+
+def _convert(value: object, hint: Any, metadata: Mapping[str, Any], place: str) -> object:
+    if isinstance(hint, types.UnionType):  # X | None: TOML has no null, so a value given is an X
+        hint = next(part for part in get_args(hint) if part is not types.NoneType)
+    if get_origin(hint) is tuple:
+        if not isinstance(value, list):
+            raise BadInput(place, f"is {value!r:.60}", "expected a list")
+        return tuple(_convert(v, get_args(hint)[0], metadata, f"{place}[{i}]") for i, v in enumerate(value))
+    if hint is float and metadata.get("unit"):
+        value = quantity(value, metadata["unit"], place)
+    elif hint is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if type(value) is not hint:
+        raise BadInput(place, f"is {value!r:.60}", f"expected {hint.__name__}")
+    _check(value, metadata, place)
+    return value
+
+
+def _check(value: Any, metadata: Mapping[str, Any], place: str) -> None:
+    least, most, choices, unit = (metadata.get(key) for key in ("least", "most", "choices", "unit"))
+    if least is not None and not value >= least:
+        raise BadInput(place, f"is {value:g} {unit}".rstrip(), f"expected at least {least:g} {unit}".rstrip())
+    if most is not None and not value <= most:
+        raise BadInput(place, f"is {value:g} {unit}".rstrip(), f"expected at most {most:g} {unit}".rstrip())
+    if choices and value not in choices:
+        raise BadInput(place, f"is {value!r}", nearest(str(value), choices))
