@@ -2,9 +2,8 @@
 
 import difflib
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from math import nan
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
@@ -12,9 +11,11 @@ from typing import Any
 import numpy as np
 
 from data.errors import BadInput
-from data.units import UNDOCUMENTED, quantity, si_unit
+from data.units import UNDOCUMENTED, quantity
 
 _FOLDER = Path(__file__).parent / "tables"
+_FILE = {"number": str, "title": str, "source": str, "notes": list, "columns": dict, "row": list}
+_COLUMN = {"meaning": str, "unit": str, "unit_printed": bool}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,11 +25,7 @@ class Column:
     name: str
     meaning: str
     unit: str
-    unit_printed: bool = True
-
-    def __post_init__(self) -> None:
-        if self.unit not in ("", UNDOCUMENTED):
-            si_unit(str(self.unit))
+    unit_printed: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +33,7 @@ class Cell:
     """One entry as printed ("-": not printed, "217 ?": its unit is not known) and in SI, or what it lacks."""
 
     printed: str
-    si: float = nan
+    si: float = np.nan
     lack: str = ""
 
 
@@ -58,27 +55,23 @@ class Table:
     def value(self, label: str, name: str) -> float:
         """Return one number in SI: table("5.1").value("Agilus30", "c1") is 0.2e6 [Pa].
 
-        Raises BadInput for an unknown row or column with the nearest, for text, and with the
-        reason where the thesis prints no number or the number's unit is not known.
+        Raises BadInput for an unknown name with the nearest, for text, and where a lack has a reason.
         """
         cell = self.row(label)[_known(name, self.columns, f"Table {self.number}, column")]
-        if cell.lack or not self.columns[name].unit:
-            place = f"Table {self.number}, row {label!r}, column {name!r}"
-            raise BadInput(place, cell.lack or f"{cell.printed!r} is text", "the notes of the table say more")
+        if lack := cell.lack or ("" if self.columns[name].unit else f"{cell.printed!r} is text"):
+            raise BadInput(f"Table {self.number}, row {label!r}, column {name!r}", lack)
         return cell.si
 
     def column(self, name: str) -> Any:
-        """Return a column: float64 array [rows] in SI, NaN where not printed; a text column as list[str].
+        """Return a column in SI: float64 array [rows], NaN where not printed; list[str] of a text column.
 
-        Raises BadInput for an unknown name with the nearest, and naming the rows whose number has no
-        known unit: as NaN they would drop out of a fit without a word.
+        Raises BadInput for an unknown name, and for rows without a known unit: NaN would hide those numbers.
         """
         column = self.columns[_known(name, self.columns, f"Table {self.number}, column")]
         cells = {label: row[name] for label, row in self.rows.items()}
-        if unusable := [label for label, cell in cells.items() if cell.lack and cell.printed != "-"]:
-            place = f"Table {self.number}, column {name!r}, rows {', '.join(unusable)}"
-            raise BadInput(place, cells[unusable[0]].lack, "take the other rows one by one with value()")
-        return np.array([cell.si for cell in cells.values()]) if column.unit else [c.printed for c in cells.values()]
+        if bare := [label for label, cell in cells.items() if cell.lack and cell.printed != "-"]:
+            raise BadInput(f"Table {self.number}, column {name!r}, rows {', '.join(bare)}", cells[bare[0]].lack)
+        return np.array([c.si for c in cells.values()]) if column.unit else [c.printed for c in cells.values()]
 
     def text(self) -> str:
         """Return the table as printed, then meanings, gaps, source and notes, 100 characters wide."""
@@ -108,48 +101,54 @@ def table(number: str) -> Table:
 
 def read_table(path: Path) -> Table:
     """Read one table file; raises BadInput naming the file and the field that is wrong."""
-    try:
-        # Numbers stay text: a float forgets the digits printed (1.60).
-        raw = tomllib.loads(path.read_text("utf-8"), parse_float=str)
-        columns = {name: Column(name=name, **column) for name, column in raw.pop("columns").items()}
+    try:  # numbers stay text, because a float forgets the digits printed (1.60)
+        raw = _checked(tomllib.loads(path.read_text("utf-8"), parse_float=str), _FILE, "field")
+        columns = {name: _column(name, column) for name, column in raw.pop("columns").items()}
         rows, key = [_row(row, columns) for row in raw.pop("row")], next(iter(columns), "")
-        labelled = {row[key].printed: row for row in rows}
-        if len(labelled) < len(rows) or columns[key].unit:
-            raise BadInput(f"first column {key!r}", "is no text that tells the rows apart")
-        return Table(notes=tuple(raw.pop("notes")), columns=columns, rows=labelled, **raw)
-    except (BadInput, OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+    except (BadInput, OSError, ValueError, TypeError, AttributeError, RecursionError) as error:
         raise BadInput(path, f"is no table: {error}", "compare the tables in data/tables") from error
+    labelled = {row[key].printed: row for row in rows}
+    if not labelled or len(labelled) < len(rows) or columns[key].unit:
+        raise BadInput(f"{path}, column {key!r}", "is the first, but no text that tells the rows apart")
+    return Table(**raw | {"notes": tuple(map(str, raw["notes"]))}, columns=columns, rows=labelled)
+
+
+def _column(name: str, raw: dict[str, Any]) -> Column:
+    return Column(name=name, **_checked({"unit_printed": True} | raw, _COLUMN, f"column {name!r}, field"))
 
 
 def _row(raw: dict[str, Any], columns: Mapping[str, Column]) -> dict[str, Cell]:
     units, lacks = raw.pop("units", {}), raw.pop("not_printed", {})
-    place = f"row {next(iter(raw.values()), '')!r}, column"
+    at = f"row {next(iter(raw.values()), '')!r}, column"
     for name in (*raw, *units, *lacks):
-        _known(name, columns, place)
-    return {
-        name: _cell(raw.get(name), units.get(name, column.unit), lacks.get(name), column, f"{place} {name!r}")
-        for name, column in columns.items()
-    }
+        _known(name, columns, at)
+    return {n: _cell(raw.get(n), lacks.get(n), c.unit, units.get(n, c.unit), f"{at} {n!r}") for n, c in columns.items()}
 
 
-def _cell(printed: object, unit: str, lack: str | None, column: Column, place: str) -> Cell:
+def _cell(printed: object, lack: str | None, head: str, unit: str, place: str) -> Cell:
     if (printed is None) == (lack is None):
         raise BadInput(place, "needs either a value or a reason in not_printed")
     if lack is not None:
         return Cell(printed="-", lack=f"not printed in the thesis: {lack}")
-    if not column.unit:
+    if not head:
         return Cell(printed=str(printed))
-    known = "1" if unit == UNDOCUMENTED else unit
-    si = quantity(f"{printed} {known}", known, place)
     if unit == UNDOCUMENTED:
+        quantity(f"{printed} 1", "1", place)
         return Cell(printed=f"{printed} ?", lack=f"{printed} is printed without a unit, and none is inferred")
-    return Cell(printed=f"{printed}" if unit == column.unit else f"{printed} {unit}", si=si)
+    own = "" if unit == head else f" {unit}"
+    return Cell(printed=f"{printed}{own}", si=quantity(f"{printed} {unit}", unit, place))
 
 
-def _known(name: object, valid: Iterable[str], place: str) -> str:
-    names = list(valid)
-    if name in names:
+def _checked(raw: dict[str, Any], kinds: Mapping[str, type], place: str) -> dict[str, Any]:
+    for name in (*raw, *kinds):
+        if not isinstance(raw.get(name), kinds[_known(name, kinds, place)]):
+            raise BadInput(f"{place} {name!r}", f"is {raw.get(name)!r:.60}", f"expected {kinds[name].__name__}")
+    return raw
+
+
+def _known(name: object, valid: Collection[str], place: str) -> str:
+    if name in valid:
         return str(name)
-    folded = {known.casefold(): known for known in names}
+    folded = {known.casefold(): known for known in valid}
     (nearest,) = difflib.get_close_matches(str(name).casefold(), folded, n=1, cutoff=0)
     raise BadInput(place, f"{name!r} is unknown", f"the nearest is {folded[nearest]!r}")

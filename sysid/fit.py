@@ -1,6 +1,7 @@
 """Models side by side: each fitted, and judged on data it was not fitted to."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,6 +101,7 @@ def candidates(others: tuple[str, ...]) -> tuple[Model, ...]:
         Model(f"cubic{named} + play >= 0", constant + cubic + helpers, plays),
         Model(f"cubic{named} + play, signed", constant + cubic + helpers + plays),
         Model(f"Maxwell slip{named}", constant + helpers + (Power(1),), stops),
+        Model(f"Maxwell slip{named} + cubic", constant + helpers + cubic, stops),
     )
 
 
@@ -154,6 +156,13 @@ def fit(model: Model, experiment: Experiment, split: Split) -> Fit:
         split=split.name,
         seconds=seconds,
     )
+
+
+def compare(models: Sequence[Model], experiment: Experiment, split: Split) -> list[Fit]:
+    """Fit every model, in order. What is compiled or imported on first use is so before the clock runs."""
+    warm = Experiment(np.arange(9.0), np.arange(9.0) ** 2, np.arange(9.0))
+    fit(Model("warm-up", (Power(0),), (Play(0.5),)), warm, second_half(warm))
+    return [fit(model, experiment, split) for model in models]
 
 
 def rms(error: Array) -> float:

@@ -1,0 +1,75 @@
+"""Scenes: TOML files that say what an experiment is. What is computed from one is asked for."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from catheter.bench import Bench, Noise, Plant, Schedule
+from data.ask import Ask
+from data.errors import BadInput
+from data.options import load_toml, nearest, option, read
+
+FOLDER = Path(__file__).parents[2] / "data" / "scenes"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Heading:
+    """The `[scene]` table: what kind of experiment, and what a reader calls it."""
+
+    kind: str = option(choices=("bender", "recording"))
+    title: str
+
+
+# The tables each kind of scene may have, beside [scene]; a table left out takes its defaults.
+TABLES: dict[str, dict[str, type]] = {
+    "recording": {"ask": Ask},
+    "bender": {"drive": Schedule, "bench": Bench, "plant": Plant, "noise": Noise, "ask": Ask},
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """A checked scene: its options by table, and the text it was read from."""
+
+    heading: Heading
+    text: str
+    drive: Schedule = Schedule()
+    bench: Bench = Bench()
+    plant: Plant = Plant()
+    noise: Noise = Noise()
+    ask: Ask = Ask()
+
+    @classmethod
+    def load(cls, name: str | Path) -> "Scene":
+        """Return a shipped scene by name, or one from a .toml file.
+
+        Raises BadInput naming file, table and key of whatever is unknown or impossible in it.
+        """
+        path = Path(name)
+        if path.suffix != ".toml":
+            shipped = names()
+            if str(name) not in shipped:
+                raise BadInput(f"scene {str(name)!r}", "is not known", nearest(str(name), shipped) + "; or a .toml file")
+            path = FOLDER / f"{name}.toml"
+        return cls.parse(load_toml(path)[1], str(path))
+
+    @classmethod
+    def parse(cls, text: str, place: str) -> "Scene":
+        """Return a scene from its text; `place` is what errors name. Raises BadInput as `load`."""
+        import tomllib
+
+        try:
+            tables = tomllib.loads(text)
+        except (tomllib.TOMLDecodeError, RecursionError) as error:
+            raise BadInput(place, f"is not TOML: {error}") from error
+        heading = read(Heading, tables.pop("scene", {}), f"{place}, [scene]")
+        known = TABLES[heading.kind]
+        for name in tables:
+            if name not in known:
+                raise BadInput(f"{place}, [{name}]", f"is no table of a {heading.kind} scene", nearest(name, known))
+        options = {name: read(kind, tables[name], f"{place}, [{name}]") for name, kind in known.items() if name in tables}
+        return cls(heading=heading, text=text, **options)
+
+
+def names() -> list[str]:
+    """Return the names of the scenes that come with the project."""
+    return sorted(path.stem for path in FOLDER.glob("*.toml"))
