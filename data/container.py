@@ -161,7 +161,7 @@ _READERS = {
     Opcode.METADATA: lambda stream, _: Metadata.read(stream),
     Opcode.CHUNK: lambda stream, _: Chunk.read(stream),
     Opcode.FOOTER: lambda stream, _: Footer.read(stream),
-    Opcode.MESSAGE: lambda stream, length: Message.read(stream, length),
+    Opcode.MESSAGE: Message.read,
 }
 
 

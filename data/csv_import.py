@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TextIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data.errors import BadInput
 from data.mapping import SEPARATORS, Clock, Column, Mapping
@@ -20,6 +21,7 @@ BLOCK_ROWS = 1 << 16
 GAP_FACTOR = 5.0
 
 Progress = Callable[[float], None]
+Mask = NDArray[np.bool_]
 
 
 @dataclass
@@ -161,9 +163,9 @@ def _signals(block: dict[str, Array], state: _Log) -> dict[str, Signal]:
     return found
 
 
-def _head(values: Array, topic: Column, state: _Log, rows: np.ndarray) -> int:
+def _head(values: Array, topic: Column, state: _Log, rows: NDArray[np.int64]) -> int:
     """Return where the topic's numbers begin; refuse NaN the mapping does not allow."""
-    bad = ~np.isfinite(values).all(axis=1)
+    bad: Mask = np.asarray(~np.isfinite(values).all(axis=1))
     start = 0
     if topic.nan == "head" and topic.topic not in state.begun:
         start = len(bad) if bad.all() else int(np.argmin(bad))
@@ -178,7 +180,7 @@ def _head(values: Array, topic: Column, state: _Log, rows: np.ndarray) -> int:
     return start
 
 
-def _clock(stamps: Array, state: _Log) -> tuple[Array, np.ndarray]:
+def _clock(stamps: Array, state: _Log) -> tuple[Array, Mask]:
     """Return (seconds from the first kept row, which rows are kept)."""
     clock = state.mapping.clock
     seconds = stamps * factor_to_si(clock.unit)
@@ -188,7 +190,7 @@ def _clock(stamps: Array, state: _Log) -> tuple[Array, np.ndarray]:
     kept = np.arange(state.row, state.row + len(stamps)) >= clock.drop_first
     if clock.period is not None:
         return _index_clock(seconds, kept, clock.period, state)
-    steps = np.diff(seconds[kept], prepend=state.last_s)
+    steps: Array = np.diff(seconds[kept], prepend=state.last_s)
     if clock.duplicates == "drop":
         state.dropped += int(np.sum(steps == 0))
         kept[np.flatnonzero(kept)[steps == 0]] = False
@@ -203,7 +205,7 @@ def _clock(stamps: Array, state: _Log) -> tuple[Array, np.ndarray]:
     return time_s - (state.origin_s or 0.0), kept
 
 
-def _index_clock(seconds: Array, kept: np.ndarray, period: float, state: _Log) -> tuple[Array, np.ndarray]:
+def _index_clock(seconds: Array, kept: Mask, period: float, state: _Log) -> tuple[Array, Mask]:
     """Return row number x period, after checking it against every printed stamp."""
     rows = np.arange(state.row, state.row + len(seconds))
     state.origin_s = float(seconds[0]) if state.origin_s is None else state.origin_s
@@ -222,10 +224,10 @@ def _index_clock(seconds: Array, kept: np.ndarray, period: float, state: _Log) -
     state.backwards += int(np.sum(np.diff(seconds, prepend=state.last_s) <= 0))
     state.last_s = float(seconds[-1])
     drop = state.mapping.clock.drop_first
-    return (rows[kept] - drop) * period, kept
+    return np.asarray((rows[kept] - drop) * period, dtype=np.float64), kept
 
 
-def _backwards(seconds: Array, rows: np.ndarray, at: int, steps: Array, state: _Log) -> BadInput:
+def _backwards(seconds: Array, rows: NDArray[np.int64], at: int, steps: Array, state: _Log) -> BadInput:
     bad = int(np.sum(steps <= 0))
     return BadInput(
         _line(state, int(rows[at])),
@@ -250,8 +252,8 @@ def _repairs(state: _Log) -> list[str]:
         found.append(f"the first {clock.drop_first} row(s) dropped: no sound time stamp")
     if clock.period is not None:
         found.append(
-            f"{state.backwards} of {state.row} printed stamps do not increase; the clock is row x {clock.period:.9g} s, "
-            f"which agrees with every stamp to its last of {clock.digits} digits"
+            f"{state.backwards} of {state.row} printed stamps do not increase; the clock is row x {clock.period:.9g} "
+            f"s, which agrees with every stamp to its last of {clock.digits} digits"
         )
     if state.dropped:
         found.append(f"{state.dropped} rows with a repeated stamp dropped")
@@ -259,7 +261,9 @@ def _repairs(state: _Log) -> list[str]:
         if count:
             found.append(f"{topic} begins after {count} leading rows of NaN")
     if state.gaps:
-        found.append(f"{state.gaps} gaps wider than 5 sampling intervals left as they are, the widest {state.widest_s:.3g} s")
+        found.append(
+            f"{state.gaps} gaps wider than 5 sampling intervals left as they are, the widest {state.widest_s:.3g} s"
+        )
     undocumented = [topic.topic for topic in state.mapping.topics if topic.unit == UNDOCUMENTED]
     if undocumented:
         found.append(f"unit undocumented, recorded as 1: {', '.join(undocumented)}")

@@ -119,7 +119,9 @@ def load(name: str) -> Mapping:
     tables, text = load_toml(path)
     for key in tables:
         if key not in ("source", "format", "clock", "topic", "ask"):
-            raise BadInput(f"{path}, [{key}]", "is no such table", nearest(key, ("source", "format", "clock", "topic", "ask")))
+            raise BadInput(
+                f"{path}, [{key}]", "is no such table", nearest(key, ("source", "format", "clock", "topic", "ask"))
+            )
     listed = tables.get("topic", [])
     if not isinstance(listed, list) or not listed:
         raise BadInput(f"{path}, [[topic]]", "is missing", "name at least one topic")
@@ -133,5 +135,7 @@ def load(name: str) -> Mapping:
     )
     for column in (found.clock.column, *(c for topic in found.topics for c in topic.columns)):
         if column not in found.format.columns:
-            raise BadInput(f"{path}, column {column!r}", "is not in [format] columns", nearest(column, found.format.columns))
+            raise BadInput(
+                f"{path}, column {column!r}", "is not in [format] columns", nearest(column, found.format.columns)
+            )
     return found

@@ -127,7 +127,7 @@ class Recording:
             channel.topic.frame,
             () if single else tuple(channel.topic.components[i] for i in columns),
             channel.topic.note,
-            topic if component is None else f"{topic}:{component}",
+            topic if component is None or len(channel.topic.components) == 1 else f"{topic}:{component}",
         )
 
     def blocks(
@@ -261,5 +261,3 @@ def _readable(channel: Any, schema: Any) -> tuple[Topic, str]:
         return from_metadata(channel.topic, components, dict(channel.metadata)), ""
     except BadInput as error:
         return empty, str(error)
-
-

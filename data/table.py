@@ -15,7 +15,7 @@ from data.units import UNDOCUMENTED, quantity
 
 _FOLDER = Path(__file__).parent / "tables"
 _FILE = {"number": str, "title": str, "source": str, "notes": list, "columns": dict, "row": list}
-_COLUMN = {"meaning": str, "unit": str, "unit_printed": bool}
+_COLUMN = {"name": str, "meaning": str, "unit": str, "unit_printed": bool}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +25,7 @@ class Column:
     name: str
     meaning: str
     unit: str
-    unit_printed: bool
+    unit_printed: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,10 +53,7 @@ class Table:
         return self.rows[_known(label, self.rows, f"Table {self.number}, row")]
 
     def value(self, label: str, name: str) -> float:
-        """Return one number in SI: table("5.1").value("Agilus30", "c1") is 0.2e6 [Pa].
-
-        Raises BadInput for an unknown name with the nearest, for text, and where a lack has a reason.
-        """
+        """Return one number in SI; raises BadInput for an unknown name, for text, and with the reason for a lack."""
         cell = self.row(label)[_known(name, self.columns, f"Table {self.number}, column")]
         if lack := cell.lack or ("" if self.columns[name].unit else f"{cell.printed!r} is text"):
             raise BadInput(f"Table {self.number}, row {label!r}, column {name!r}", lack)
@@ -90,8 +87,7 @@ class Table:
 
 def tables() -> list[str]:
     """Return the numbers of the tables in order: ["3.1", "3.2", ...]."""
-    numbers = (path.name.split("_")[0] for path in _FOLDER.glob("[0-9]*.[0-9]*_*.toml"))
-    return sorted(numbers, key=lambda number: [int(part) for part in number.split(".")])
+    return sorted(path.name.split("_")[0] for path in _FOLDER.glob("[0-9].[0-9]_*.toml"))
 
 
 def table(number: str) -> Table:
@@ -103,7 +99,9 @@ def read_table(path: Path) -> Table:
     """Read one table file; raises BadInput naming the file and the field that is wrong."""
     try:  # numbers stay text, because a float forgets the digits printed (1.60)
         raw = _checked(tomllib.loads(path.read_text("utf-8"), parse_float=str), _FILE, "field")
-        columns = {name: _column(name, column) for name, column in raw.pop("columns").items()}
+        columns = {name: Column(name=name, **head) for name, head in raw.pop("columns").items()}
+        for column in columns.values():
+            _checked(vars(column), _COLUMN, f"column {column.name}, field")
         rows, key = [_row(row, columns) for row in raw.pop("row")], next(iter(columns), "")
     except (BadInput, OSError, ValueError, TypeError, AttributeError, RecursionError) as error:
         raise BadInput(path, f"is no table: {error}", "compare the tables in data/tables") from error
@@ -113,13 +111,10 @@ def read_table(path: Path) -> Table:
     return Table(**raw | {"notes": tuple(map(str, raw["notes"]))}, columns=columns, rows=labelled)
 
 
-def _column(name: str, raw: dict[str, Any]) -> Column:
-    return Column(name=name, **_checked({"unit_printed": True} | raw, _COLUMN, f"column {name!r}, field"))
-
-
 def _row(raw: dict[str, Any], columns: Mapping[str, Column]) -> dict[str, Cell]:
     units, lacks = raw.pop("units", {}), raw.pop("not_printed", {})
     at = f"row {next(iter(raw.values()), '')!r}, column"
+    _checked({"units": units, "not_printed": lacks}, {"units": dict, "not_printed": dict}, at)
     for name in (*raw, *units, *lacks):
         _known(name, columns, at)
     return {n: _cell(raw.get(n), lacks.get(n), c.unit, units.get(n, c.unit), f"{at} {n!r}") for n, c in columns.items()}
@@ -135,8 +130,8 @@ def _cell(printed: object, lack: str | None, head: str, unit: str, place: str) -
     if unit == UNDOCUMENTED:
         quantity(f"{printed} 1", "1", place)
         return Cell(printed=f"{printed} ?", lack=f"{printed} is printed without a unit, and none is inferred")
-    own = "" if unit == head else f" {unit}"
-    return Cell(printed=f"{printed}{own}", si=quantity(f"{printed} {unit}", unit, place))
+    written = f"{printed} {unit}"
+    return Cell(printed=str(printed) if unit == head else written, si=quantity(written, unit, place))
 
 
 def _checked(raw: dict[str, Any], kinds: Mapping[str, type], place: str) -> dict[str, Any]:

@@ -33,7 +33,7 @@ def noise_robust_derivative(time_s: Array, value: Array, half: int = 4) -> Array
     jitter costs no accuracy on a straight line. The `half` samples at each end use shorter
     stencils, the two outermost a one-sided difference. Raises BadInput for fewer than 2 samples.
     """
-    if len(time_s) < 2:  # noqa: PLR2004
+    if len(time_s) < 2:
         raise BadInput("derivative", f"{len(time_s)} samples", "at least 2 are needed")
     speed = np.empty_like(value)
     speed[0] = (value[1] - value[0]) / (time_s[1] - time_s[0])

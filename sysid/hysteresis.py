@@ -11,7 +11,7 @@ from data.errors import BadInput
 Array = NDArray[np.float64]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _play(x: Array, radii: Array, out: Array) -> None:
     for j in range(radii.shape[0]):
         radius = radii[j]
@@ -43,7 +43,7 @@ def stop(x: Array, radii: ArrayLike) -> Array:
     return np.asarray(x[:, None] - play(x, radii))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _turns(x: Array, swing: float, turns: NDArray[np.int64]) -> int:
     count = 1
     turns[0] = 0

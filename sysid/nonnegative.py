@@ -33,7 +33,7 @@ def triangle(columns: Array, target: Array, block_rows: int = BLOCK_ROWS) -> Arr
     for first in range(0, len(columns), block_rows):
         part = slice(first, first + block_rows)
         block = np.column_stack([columns[part], target[part]])
-        kept = np.linalg.qr(np.vstack([kept, block]), mode="r")
+        kept = np.asarray(np.linalg.qr(np.vstack([kept, block]), mode="r"))
     return np.vstack([kept, np.zeros((size - len(kept), size))])
 
 

@@ -73,7 +73,9 @@ class Other:
     def column(self, experiment: Experiment) -> Array:
         """Return the regressor, (n,)."""
         if self.topic not in experiment.others:
-            raise BadInput(self.topic, "is not in the experiment", f"there are {', '.join(experiment.others) or 'none'}")
+            raise BadInput(
+                self.topic, "is not in the experiment", f"there are {', '.join(experiment.others) or 'none'}"
+            )
         return experiment.others[self.topic]
 
 

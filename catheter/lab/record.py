@@ -46,5 +46,5 @@ def record(scene: Scene, out: Path, *, overwrite: bool = False) -> Run:
 
 
 def _truth(scene: Scene) -> Mapping[str, str]:
-    tables = {"drive": scene.drive, "bench": scene.bench, "plant": scene.plant, "noise": scene.noise}
-    return {f"{table}.{key}": repr(value) for table, options in tables.items() for key, value in asdict(options).items()}
+    tables = {name: asdict(getattr(scene, name)) for name in ("drive", "bench", "plant", "noise")}
+    return {f"{name}.{key}": repr(value) for name, table in tables.items() for key, value in table.items()}

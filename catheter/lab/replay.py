@@ -76,10 +76,11 @@ class Replay:
     @cached_property
     def ask(self) -> Ask:
         """Which signal answers which: as asked, else as the recording's scene asks, else by topic."""
-        asked = self._asked or self._recorded_ask()
+        asked = self._asked or recorded_ask(self.recording)
         response = asked.response or self._first(RESPONSES, ())
         named = asked.input or self._first(INPUTS, (response,))
-        others = asked.others or tuple(t for t in HELPERS if t in self.signals and t not in (response, named))
+        helpers = asked.others or tuple(topic for topic in HELPERS if topic in self.signals)
+        others = tuple(label for label in helpers if label not in (response, named))
         for label in filter(None, (asked.response, asked.input, *asked.others)):
             if label not in self.signals:
                 known = ", ".join(self.signals) or "none"
@@ -160,17 +161,19 @@ class Replay:
             assert experiment is not None
             yield fit, fit.predicted - experiment.response
 
-    def _recorded_ask(self) -> Ask:
-        from catheter.lab.scene import Scene
-
-        return Scene.parse(self.recording.scene, f"{self.recording.path}, scene").ask if self.recording.scene else Ask()
-
     def _first(self, preferred: tuple[str, ...], taken: tuple[str, ...]) -> str:
         return next((label for label in preferred if label in self.signals and label not in taken), "")
 
     def _skip(self, label: str) -> bool:
         self.left_out.append(f"{label}: fewer than 2 samples")
         return False
+
+
+def recorded_ask(recording: Recording) -> Ask:
+    """Return what the recording's own scene asks; nothing if it holds none. Raises BadInput for a bad scene."""
+    from catheter.lab.scene import Scene
+
+    return Scene.parse(recording.scene, f"{recording.path}, scene").ask if recording.scene else Ask()
 
 
 def _product(x: str, y: str) -> str:

@@ -1,7 +1,8 @@
 """Scenes: TOML files that say what an experiment is. What is computed from one is asked for."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from catheter.bench import Bench, Noise, Plant, Schedule
 from data.ask import Ask
@@ -32,11 +33,11 @@ class Scene:
 
     heading: Heading
     text: str
-    drive: Schedule = Schedule()
-    bench: Bench = Bench()
-    plant: Plant = Plant()
-    noise: Noise = Noise()
-    ask: Ask = Ask()
+    drive: Schedule = field(default_factory=Schedule)
+    bench: Bench = field(default_factory=Bench)
+    plant: Plant = field(default_factory=Plant)
+    noise: Noise = field(default_factory=Noise)
+    ask: Ask = field(default_factory=Ask)
 
     @classmethod
     def load(cls, name: str | Path) -> "Scene":
@@ -48,7 +49,9 @@ class Scene:
         if path.suffix != ".toml":
             shipped = names()
             if str(name) not in shipped:
-                raise BadInput(f"scene {str(name)!r}", "is not known", nearest(str(name), shipped) + "; or a .toml file")
+                raise BadInput(
+                    f"scene {str(name)!r}", "is not known", nearest(str(name), shipped) + "; or a .toml file"
+                )
             path = FOLDER / f"{name}.toml"
         return cls.parse(load_toml(path)[1], str(path))
 
@@ -66,7 +69,9 @@ class Scene:
         for name in tables:
             if name not in known:
                 raise BadInput(f"{place}, [{name}]", f"is no table of a {heading.kind} scene", nearest(name, known))
-        options = {name: read(kind, tables[name], f"{place}, [{name}]") for name, kind in known.items() if name in tables}
+        options: dict[str, Any] = {
+            name: read(kind, tables[name], f"{place}, [{name}]") for name, kind in known.items() if name in tables
+        }
         return cls(heading=heading, text=text, **options)
 
 

@@ -1,0 +1,39 @@
+"""The command line: `python -m catheter`, and the `catheter` command."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+PACKAGES = ("data", "sysid", "vision", "fem")
+
+
+def namesakes() -> list[str]:
+    """Return a sentence for each of our packages that Python would take from somewhere else.
+
+    Their names are common: a folder in the user's directory, or a package from an index, can hide
+    them. Uses the standard library only, because nothing of ours can be imported before.
+    """
+    home = Path(__file__).resolve().parents[1]
+    found = []
+    for name in PACKAGES:
+        spec = importlib.util.find_spec(name)
+        origin = Path(spec.origin).resolve() if spec and spec.origin else None
+        if origin != home / name / "__init__.py":
+            what = origin or (list(spec.submodule_search_locations or []) if spec else "nothing")
+            found.append(f"the package '{name}' must come from {home / name}, but Python finds {what}")
+    return found
+
+
+def main() -> int:
+    """Run the command line and return its exit code."""
+    hidden = namesakes()
+    if hidden:
+        print(f"error: {'; '.join(hidden)}; rename or uninstall that, or run from another folder", file=sys.stderr)
+        return 2
+    from catheter.lab.cli import run
+
+    return run(sys.argv[1:])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

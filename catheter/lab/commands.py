@@ -1,0 +1,243 @@
+"""What each command does, and how its result reads."""
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from data.errors import BadInput
+from data.files import check_free, fresh, unused
+
+if TYPE_CHECKING:
+    from catheter.lab.replay import Replay
+
+SHIPPED = Path(__file__).parents[2] / "data" / "recordings" / "bender.mcap"
+WIDTH = 100
+
+
+@dataclass
+class Outcome:
+    """A command's result: values for --json, and lines and tables for people."""
+
+    values: dict[str, Any]
+    parts: list[Any] = field(default_factory=list)
+
+    def show(self) -> None:
+        """Print the result, at most 100 columns wide."""
+        from rich.console import Console
+
+        console = Console(width=WIDTH, highlight=False, soft_wrap=False)
+        for part in self.parts:
+            console.print(part, markup=False) if isinstance(part, str) else console.print(part)
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> Any:
+    """Return a printable table: first column left, the others right."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    made = Table(title=title or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    for index, name in enumerate(header):
+        made.add_column(name, justify="right" if index else "left", overflow="fold")
+    for row in rows:
+        made.add_row(*row)
+    return made
+
+
+@contextmanager
+def progress(text: str) -> Iterator[Callable[[float], None]]:
+    """Show a bar on a terminal while a command works; yields what takes the share done."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(text, total=1.0)
+        yield lambda share: bar.update(task, completed=share)
+
+
+def replay_(options: argparse.Namespace) -> Outcome:
+    """Replay a recording."""
+    from catheter.lab.replay import Replay
+    from data.recording import Recording
+
+    source = Path(options.recording) if options.recording else SHIPPED
+    out = Path(options.out) if options.out else unused(Path(f"{source.stem}.rrd"))
+    picture = Path(options.picture) if options.picture else None
+    if options.no_view and (options.out or picture):
+        raise BadInput("--no-view", "given with --out or --picture", "leave one of them out")
+    for path in () if options.no_view else filter(None, (out, picture)):
+        check_free(path, options.force)
+    with Recording(source) as recording:
+        replayed = Replay(recording, _ask(options, recording))
+        outcome = Outcome(_replay_values(replayed))
+        outcome.parts = list(_replay_parts(replayed))
+        if not options.no_view:
+            _save_view(replayed, out, picture, options.force)
+            outcome.values |= {"view": str(out), "picture": str(picture) if picture else None}
+            outcome.parts.append(f"Dashboard: {out}   (look at it with: rerun {out})")
+    return outcome
+
+
+def _ask(options: argparse.Namespace, recording: Any) -> Any:
+    """Return the questions on the command line, those of the recording where it names none."""
+    from dataclasses import replace
+
+    from catheter.lab.replay import recorded_ask
+
+    asked = recorded_ask(recording)
+    given = {"response": options.response, "input": options.input, "others": tuple(options.others)}
+    given["split"] = options.split
+    return replace(asked, **{key: value for key, value in given.items() if value})
+
+
+def _save_view(replayed: "Replay", out: Path, picture: Path | None, force: bool) -> None:
+    from catheter.lab.views import replay as view
+
+    with fresh(out, force) as temporary, progress("dashboard") as advance:
+        view.save(replayed, temporary, progress=advance)
+    if picture:
+        from catheter.lab.views.picture import save_picture
+
+        with fresh(picture, force) as temporary:
+            save_picture(out, temporary)
+
+
+def _replay_values(replayed: "Replay") -> dict[str, Any]:
+    recording, ask = replayed.recording, replayed.ask
+    return {
+        "recording": str(recording.path),
+        "title": replayed.title,
+        "kind": recording.kind,
+        "duration_s": recording.duration_s,
+        "cut": recording.cut,
+        "signals": {label: {"unit": s.unit, "samples": len(s)} for label, s in replayed.signals.items()},
+        "cameras": replayed.cameras,
+        "response": ask.response,
+        "input": ask.input,
+        "others": list(ask.others),
+        "loops": [
+            {"x": f.x.name, "y": f.y.name, "unit": f.unit, "areas": [loop.area for loop in f.loops]}
+            for f in replayed.loops
+        ],
+        "models": [
+            {
+                "name": fit.model.name,
+                "parameters": fit.parameters,
+                "active": fit.active,
+                "fit_percent": fit.fit_percent,
+                "rmse": fit.rmse,
+                "held_out_fit_percent": fit.held_out_fit_percent,
+                "held_out_rmse": fit.held_out_rmse,
+                "split": fit.split,
+                "extrapolated": fit.extrapolated,
+                "condition": fit.condition,
+                "seconds": fit.seconds,
+                "weights": dict(zip((t.name for t in fit.model.terms), fit.weights.tolist(), strict=True)),
+            }
+            for fit in replayed.models
+        ],
+        "left_out": replayed.left_out,
+    }
+
+
+def _replay_parts(replayed: "Replay") -> Iterator[Any]:
+    from catheter.lab.display import display
+
+    recording = replayed.recording
+    yield f"{replayed.title}: {recording.path.name}, {recording.duration_s:.1f} s"
+    topics = ", ".join(f"{name} ({len(signal)})" for name, signal in replayed.signals.items())
+    yield f"Signals (samples): {topics or 'none'}"
+    for family in replayed.loops:
+        if family.loops:
+            unit, factor = display(family.unit)
+            areas = sorted(abs(loop.area) * factor for loop in family.loops)
+            yield (
+                f"Loops of {family.y.name} over {family.x.name}: {len(areas)}, "
+                f"area {areas[0]:.4g} to {areas[-1]:.4g} {unit}"
+            )
+    fits = replayed.models
+    if fits:
+        signal = replayed.signals[replayed.ask.response]
+        unit = "undocumented unit" if "undocumented" in signal.note else signal.unit
+        rows = [
+            [
+                fit.model.name,
+                f"{fit.active}/{fit.parameters}",
+                f"{fit.fit_percent:.1f}",
+                f"{fit.rmse:.4g}",
+                f"{fit.held_out_rmse:.4g}",
+                f"{1e3 * fit.seconds:.1f}",
+            ]
+            for fit in fits
+        ]
+        header = ["model", "weights", "fit %", "RMSE", "RMSE held out", "ms"]
+        yield table(header, rows, f"{signal.name} from {replayed.ask.input}, RMSE in {unit}; {fits[0].split}")
+        yield "weights: not zero/all. fit % and RMSE: all samples. ms: regressors and both fits."
+        far = max(fit.extrapolated for fit in fits)
+        if far > 0.1:
+            yield f"Up to {100 * far:.0f} % of the held-out samples are unlike the fitted ones: that is extrapolation."
+    for text in replayed.left_out:
+        yield f"Left out: {text}"
+
+
+def import_(options: argparse.Namespace) -> Outcome:
+    """Import a text log."""
+    from data.csv_import import import_log
+    from data.mapping import load, names
+
+    if options.list:
+        rows = [[name, load(name).source.title, load(name).source.licence] for name in names()]
+        return Outcome({"mappings": names()}, [table(["mapping", "what", "licence of the log"], rows)])
+    if not (options.log and options.mapping and options.out):
+        raise BadInput("import", "needs LOG, --mapping and --out", "list the shipped mappings with --list")
+    out = Path(options.out)
+    with progress("importing") as advance:
+        repairs = import_log(Path(options.log), load(options.mapping), out, replace=options.force, progress=advance)
+    return Outcome(
+        {"recording": str(out), "repairs": repairs},
+        [f"{out} written (measured)", *(f"  {text}" for text in repairs)],
+    )
+
+
+def record_(options: argparse.Namespace) -> Outcome:
+    """Simulate and record a scene."""
+    from catheter.lab.record import record
+    from catheter.lab.scene import Scene
+
+    out = Path(options.out)
+    run = record(Scene.load(options.scene), out, overwrite=options.force)
+    return Outcome(
+        {"recording": str(out), "kind": "simulated", "samples": len(run.time_s)},
+        [f"{out} written (simulated): {len(run.time_s)} samples, {run.time_s[-1]:.1f} s"],
+    )
+
+
+def report_(options: argparse.Namespace) -> Outcome:
+    """Write a report of error against run time."""
+    from catheter.lab import report
+
+    with progress(options.name) as advance:
+        made = report.REPORTS[options.name](quick=options.quick, recording=options.recording, progress=advance)
+    written = report.write(made, Path(options.out))
+    rows = [[r.method, r.level, r.error_text, f"{r.seconds:.3g}"] for r in made.rows]
+    return Outcome(
+        {"report": made.name, "files": [str(path) for path in written], "rows": [vars(r) for r in made.rows]},
+        [table(["method", made.level, made.error, "seconds"], rows, made.title), *made.notes, *map(str, written)],
+    )
+
+
+def table_(options: argparse.Namespace) -> Outcome:
+    """Print a table of the thesis."""
+    from data.table import table as thesis_table
+    from data.table import tables
+
+    if not options.number:
+        rows = [[number, thesis_table(number).title] for number in tables()]
+        return Outcome({"tables": tables()}, [table(["table", "title"], rows)])
+    found = thesis_table(options.number)
+    values = {"number": found.number, "title": found.title, "source": found.source, "rows": list(found.rows)}
+    return Outcome(values, [found.text()])

@@ -1,0 +1,166 @@
+"""Error against run time: methods at several levels, side by side in one run, failures kept."""
+
+import csv
+import json
+import math
+import os
+import platform
+import subprocess
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from data.errors import CannotWrite, CatheterError
+from data.files import fresh
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One method at one level. A method that failed keeps its row: error NaN, `failed` says why."""
+
+    method: str
+    level: str
+    error: float
+    seconds: float
+    failed: str = ""
+
+    @property
+    def error_text(self) -> str:
+        """The error, or why there is none."""
+        return self.failed or f"{self.error:.3g}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """A finished report: what the levels and the error are, and a row for each method and level."""
+
+    name: str
+    title: str
+    level: str
+    error: str
+    rows: list[Row]
+    notes: list[str] = field(default_factory=list)
+
+
+def measure(method: str, level: str, solve: Callable[[], object], error_of: Callable[[object], float]) -> Row:
+    """Time a solve, the fastest of 5 or of what fits in half a second, and measure its error.
+
+    A solve that fails is a row that says so.
+    """
+    seconds, total = math.inf, 0.0
+    for _ in range(5):
+        started = time.perf_counter()
+        try:
+            answer = solve()
+        except (CatheterError, ValueError, RuntimeError, ArithmeticError, np.linalg.LinAlgError) as error:
+            spent = time.perf_counter() - started
+            return Row(method=method, level=level, error=math.nan, seconds=spent, failed=f"failed: {error}"[:60])
+        spent = time.perf_counter() - started
+        seconds, total = min(seconds, spent), total + spent
+        if total > 0.5:
+            break
+    return Row(method=method, level=level, error=error_of(answer), seconds=seconds)
+
+
+def machine() -> dict[str, str]:
+    """Return what the numbers were made on: machine, versions, commit, date."""
+    root = Path(__file__).parents[2]
+    git = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=12"]
+    try:
+        commit = subprocess.run(git, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        commit = "not a git checkout"
+    packages = ("numpy", "scipy", "numba", "mcap")
+    return {
+        "machine": f"{platform.machine()} {_processor()}, {os.cpu_count()} cores, {platform.system()}",
+        "python": platform.python_version(),
+        **{name: version(name) for name in packages},
+        "commit": commit,
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "")
+
+
+def write(report: Report, folder: Path) -> list[Path]:
+    """Write NAME.csv, NAME.png and NAME.json (machine, versions, notes) into a folder; return them.
+
+    A later run of the same report replaces them. Raises CannotWrite.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CannotWrite(folder, f"cannot be made a folder: {error.strerror}") from error
+    paths = [folder / f"{report.name}.{ending}" for ending in ("csv", "json", "png")]
+    with fresh(paths[0], replace=True) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["method", report.level, report.error, "seconds", "failed"])
+        writer.writerows([r.method, r.level, repr(r.error), repr(r.seconds), r.failed] for r in report.rows)
+    with fresh(paths[1], replace=True) as temporary:
+        about = {"title": report.title, "notes": report.notes, **machine()}
+        temporary.write_text(json.dumps(about, indent=1), encoding="utf-8")
+    with fresh(paths[2], replace=True) as temporary:
+        _draw(report, temporary)
+    return paths
+
+
+def _draw(report: Report, path: Path) -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 5.5), layout="constrained")
+    axes = figure.add_subplot()
+    for marker, method in zip("osD^v<>pXh" * 3, dict.fromkeys(row.method for row in report.rows), strict=False):
+        rows = [row for row in report.rows if row.method == method and row.error > 0]
+        axes.loglog([r.seconds for r in rows], [r.error for r in rows], marker=marker, label=method)
+    axes.set_xlabel("seconds")
+    axes.set_ylabel(report.error)
+    axes.set_title(report.title, fontsize=10)
+    axes.grid(visible=True, which="both", alpha=0.3)
+    axes.legend(fontsize=8)
+    figure.savefig(path, format="png", dpi=130)
+
+
+def regression(*, quick: bool, recording: str | None, progress: Progress) -> Report:
+    """Non-negative least squares on a bender's chirp whose weights are known exactly."""
+    from catheter.lab.studies import regression_rows
+
+    return Report(
+        name="regression",
+        title="Non-negative least squares, 10 terms of a bender's chirp: error against run time",
+        level="samples",
+        error="relative error",
+        rows=regression_rows((1_000, 10_000) if quick else (1_000, 10_000, 149_400), progress),
+        notes=["Truth: force made from known weights, without noise; terms of thesis eq. 3.28 in SI."],
+    )
+
+
+def hysteresis(*, quick: bool, recording: str | None, progress: Progress) -> Report:
+    """Models with memory by number of operators, on a recording."""
+    from catheter.lab.studies import hysteresis_rows
+
+    counts = (1, 3, 5, 9) if quick else (1, 2, 3, 4, 5, 7, 10, 15, 20)
+    rows, what = hysteresis_rows(recording, counts, progress)
+    return Report(
+        name="hysteresis",
+        title=f"Models with memory, {what}",
+        level="operators",
+        error="RMSE held out",
+        rows=rows,
+        notes=["A replay uses 5 operators: more hardly lower the error."],
+    )
+
+
+REPORTS: dict[str, Callable[..., Report]] = {"regression": regression, "hysteresis": hysteresis}
