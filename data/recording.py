@@ -63,12 +63,12 @@ class Recording:
             self._contents = container.walk(self._file, self.path)
             self.channels = self._describe()
             self.start_ns, self.end_ns = self._span()
+            self.cut = self._contents.cut
+            if self.cut:
+                warnings.warn(f"{self.path} was {self.cut}", RecordingCut, stacklevel=2)
         except BaseException:
             self._file.close()
             raise
-        self.cut = self._contents.cut
-        if self.cut:
-            warnings.warn(f"{self.path} was {self.cut}", RecordingCut, stacklevel=2)
 
     def __enter__(self) -> Self:
         """Return the recording itself."""

@@ -11,7 +11,6 @@ from data.errors import BadInput
 from data.table import Table, read_table, table, tables
 from data.units import UNDOCUMENTED, si_unit
 
-BAR = 1e5
 ALL = ["3.1", "3.2", "3.3", "3.4", "3.5", "3.6", "5.1", "6.1"]  # every table of the thesis but 2.1
 FOLDER = Path(data.table.__file__).parent / "tables"
 
@@ -37,7 +36,6 @@ def test_a_number_has_a_value_exactly_when_nothing_is_said_to_lack(number: str) 
         for name, cell in row.items():
             if shown.columns[name].unit:
                 assert np.isfinite(cell.si) == (not cell.lack)
-                assert cell.lack or float(cell.printed.split()[0]) == 0 or cell.si != 0
 
 
 def cracking() -> tuple[np.ndarray, np.ndarray]:
@@ -50,7 +48,7 @@ def cracking() -> tuple[np.ndarray, np.ndarray]:
 
 def test_ratios_of_cracking_pressures() -> None:
     forward, reverse = cracking()
-    ratios = [  # worked out by hand from the printed page; three decimals
+    ratios = [  # worked out apart from this file; three decimals
         [0.000, 0.000, 0.000, 0.000],
         [0.933, 0.885, 0.462, 0.268],
         [0.710, 0.592, 0.919, 0.522],
@@ -78,14 +76,12 @@ def test_cracking_pressures_break_the_texts_rules_just_where_the_notes_say() -> 
 def test_volume_coefficients_at_83_kpa_and_the_rest_state_of_act_3() -> None:
     t = table("3.3")
     rows = np.stack([t.column(f"c{n}") for n in (4, 3, 2, 1)], axis=1)  # [actuator, power 4..1], Pa
-    expected = {"Act 1": 1.3205296, "Act 2": 1.4169465, "Act 3": 1.3739434}
-    assert t.column("actuator") == list(expected)
-    for coefficients, static in zip(rows, expected.values(), strict=True):
+    assert t.column("actuator") == ["Act 1", "Act 2", "Act 3"]
+    for coefficients, static in zip(rows, (1.3205296, 1.4169465, 1.3739434), strict=True):
         roots = np.roots([*coefficients, -83e3])
         rising = roots[(abs(roots.imag) < 1e-9) & (roots.real > 0)].real
         assert 1 + rising.min() == pytest.approx(static, abs=0.6e-7)  # the oracle has seven decimals
-    rest = np.roots(rows[2])
-    assert np.any(abs(1 + rest - 1.02725) < 0.6e-5)
+    assert np.any(abs(1 + np.roots(rows[2]) - 1.02725) < 0.6e-5)  # where Act 3 rests
 
 
 def test_valve_errors_follow_from_the_printed_coefficients_within_their_rounding() -> None:
@@ -94,7 +90,7 @@ def test_valve_errors_follow_from_the_printed_coefficients_within_their_rounding
         bounds = []
         for name in ("optimal", "fit", "error"):
             printed = Decimal(t.rows[valve][name].printed)
-            half = Decimal(5).scaleb(printed.as_tuple().exponent - 1)
+            half = Decimal(5).scaleb(int(printed.as_tuple().exponent) - 1)
             bounds.append((printed - half, printed + half))
         (optimal_low, optimal_high), (fit_low, fit_high), (error_low, error_high) = bounds
         assert error_high >= 100 * (fit_low / optimal_high - 1)
@@ -125,8 +121,7 @@ def test_design_and_bender_are_in_metres() -> None:
     assert design.value("Spiral", "R") == design.value("Spiral", "D") / 2
     assert (design.value("Spiral", "r"), design.value("Spiral", "L")) == (5e-3, 0.3)
     assert (design.value("Spiral", "lambda_x"), design.value("Spiral", "delta")) == (1, 0)
-    sizes = [bender.value("Soft bender", name) for name in ("inner_diameter", "wall", "length")]
-    assert sizes == [12.7e-3, 2e-3, 0.17]
+    assert [bender.value("Soft bender", name) for name in ("inner_diameter", "wall", "length")] == [12.7e-3, 2e-3, 0.17]
     assert bender.value("Soft bender", "wrap_angle") == pytest.approx(table("3.2").value("Extender", "alpha"))
 
 
@@ -139,11 +134,13 @@ def test_materials_in_pascal() -> None:
         assert c1.pop(material) == t.value(material, "c1") == pytest.approx(megapascal * 1e6, rel=1e-15)
     assert len(c1) == 4
     assert np.isnan(list(c1.values())).all()
+    with pytest.raises(BadInput, match=r"Table 5.1, row 'Dragon Skin 10', column 'c1': not printed in the thesis"):
+        t.value("Dragon Skin 10", "c1")
     assert t.value("Dragon Skin 10", "strength") == pytest.approx(475 * 0.45359237 * 9.80665 / 0.0254**2, rel=1e-12)
     assert np.array_equal(t.column("elongation_at_least"), [10, 10.6, 16, 24.22, 2.2, 1.2, 1.05, 0.8, 0.7, 0.6, 0.4])
 
 
-def test_no_strength_without_a_unit_can_be_taken_for_a_number() -> None:
+def test_neither_text_nor_a_strength_without_a_unit_can_be_taken_for_a_number() -> None:
     t = table("5.1")
     bare = ["PolyTek 74-20", "PolyTek 74-29", "PolyTek 74-44"]
     for material, number in zip(bare, (217, 281, 462), strict=True):
@@ -156,11 +153,8 @@ def test_no_strength_without_a_unit_can_be_taken_for_a_number() -> None:
         t.column("strength")
     with pytest.raises(BadInput, match="without a unit"):
         table("6.1").column("diff_min_change")
-
-
-def test_a_material_without_a_fit_has_no_c1() -> None:
-    with pytest.raises(BadInput, match=r"Table 5.1, row 'Dragon Skin 10', column 'c1': not printed in the thesis"):
-        table("5.1").value("Dragon Skin 10", "c1")
+    with pytest.raises(BadInput, match="'SQP' is text"):
+        table("6.1").value("fmincon", "algorithm")
 
 
 def test_the_stiffest_c1_overshoots_its_own_strength_as_the_note_says() -> None:
@@ -201,8 +195,7 @@ def test_text_keeps_the_printed_digits_and_marks() -> None:
         (lambda: table("3.33"), "3.3"),
         (lambda: table("../tables/3.3"), "3.3"),
         (lambda: table("5.1").value("agilus 30", "c1"), "Agilus30"),
-        (lambda: table("5.1").value("AGILUS 30", "c1"), "Agilus30"),
-        (lambda: table("5.1").value("Dragon Skin", "c1"), "Dragon Skin 10"),
+        (lambda: table("5.1").value("DRAGON", "c1"), "Dragon Skin 10"),
         (lambda: table("5.1").value("Agilus30", "C1"), "c1"),
         (lambda: table("3.5").column("revers"), "reverse"),
     ],
@@ -210,11 +203,6 @@ def test_text_keeps_the_printed_digits_and_marks() -> None:
 def test_an_unknown_name_is_answered_with_the_nearest(ask: object, nearest: str) -> None:
     with pytest.raises(BadInput, match=f"is unknown; the nearest is '{nearest}'"):
         ask()  # type: ignore[operator]
-
-
-def test_text_is_not_a_number() -> None:
-    with pytest.raises(BadInput, match="'SQP' is text"):
-        table("6.1").value("fmincon", "algorithm")
 
 
 def altered(folder: Path, old: str, new: str) -> Table:
