@@ -1,21 +1,23 @@
 """The bytes of an MCAP file: where its records are, what is whole, what is cut or damaged.
 
-The index is made by walking the record headers, 9 bytes each, and not by believing a summary:
-a file that was cut off and a file that is whole are read by the same code.
+Records are found by walking their headers, 9 bytes each. What the walk finds is believed only
+where a checksum covers it: a whole file's chunks must be those its summary lists (the footer's
+checksum covers the summary), and each chunk's content must match its own. A file that was cut off
+has no summary; there everything is taken from the chunks themselves.
 """
 
 import os
 import struct
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import BinaryIO
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
+from mcap.records import Channel, Chunk, ChunkIndex, Footer, McapRecord, Message, Metadata, Schema, Statistics
 from mcap.stream_reader import CRCValidationError, breakup_chunk
 
 from data.errors import BadInput, DamagedRecording
@@ -34,15 +36,14 @@ class Place:
     length: int
 
 
-@dataclass
+@dataclass(frozen=True)
 class ChunkPlace:
     """Where a chunk stands, the stamps it holds, and the channels it has messages of."""
 
     place: Place
     start_ns: int
     end_ns: int
-    counts: dict[int, int] = field(default_factory=dict)
-    indexed: bool = False
+    channels: frozenset[int] | None = None  # None: not known, it must be read
 
 
 @dataclass
@@ -54,6 +55,8 @@ class Contents:
     schemas: dict[int, Schema] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     loose: list[Place] = field(default_factory=list)  # messages outside chunks
+    listed: dict[int, ChunkIndex] = field(default_factory=dict)  # what the summary says of chunks
+    counts: dict[int, int] | None = None  # messages by channel
     cut: str | None = None
 
 
@@ -75,10 +78,12 @@ def walk(file: BinaryIO, path: Path) -> Contents:
             complete = True
             break
         _note(file, place, found, path)
+    if complete and found.listed:
+        _compare(found, path)
     if not complete:
-        found.cut = f"cut off after {size} bytes, {_reach(found)}"
-    if not found.channels:
-        _find_channels(file, found, path)
+        found.cut = f"cut off after {size} bytes: {_reach(found)}"
+    if not complete or not found.channels:
+        _read_all(file, found, path)
     return found
 
 
@@ -97,32 +102,58 @@ def _note(file: BinaryIO, place: Place, found: Contents, path: Path) -> None:
         case Opcode.CHUNK:
             start, end, _, _ = _CHUNK_HEAD.unpack(_bytes(file, place, _CHUNK_HEAD.size, path))
             found.chunks.append(ChunkPlace(place, start, end))
-        case Opcode.MESSAGE_INDEX if found.chunks:
-            channel, length = struct.unpack("<HI", _bytes(file, place, 6, path))
-            found.chunks[-1].counts[channel] = length // 16
-            found.chunks[-1].indexed = True
         case Opcode.MESSAGE:
             found.loose.append(place)
-        case Opcode.SCHEMA | Opcode.CHANNEL | Opcode.METADATA:
+        case Opcode.SCHEMA | Opcode.CHANNEL | Opcode.METADATA | Opcode.CHUNK_INDEX | Opcode.STATISTICS:
             _keep(_record(file, place, path), found)
 
 
 def _keep(record: McapRecord, found: Contents) -> None:
-    if isinstance(record, Schema):
-        found.schemas[record.id] = record
-    elif isinstance(record, Channel):
-        found.channels[record.id] = record
-    elif isinstance(record, Metadata):
-        found.metadata[record.name] = dict(record.metadata)
+    match record:
+        case Schema():
+            found.schemas[record.id] = record
+        case Channel():
+            found.channels[record.id] = record
+        case Metadata():
+            found.metadata[record.name] = dict(record.metadata)
+        case ChunkIndex():
+            found.listed[record.chunk_start_offset + _HEAD.size] = record
+        case Statistics():
+            found.counts = dict(record.channel_message_counts)
 
 
-def _find_channels(file: BinaryIO, found: Contents, path: Path) -> None:
-    """Read the channels out of the chunks themselves: a cut file has no summary that repeats them."""
-    for chunk in found.chunks:
-        for record in chunk_records(file, chunk, path):
+def _compare(found: Contents, path: Path) -> None:
+    """Check the chunks against the summary's list, and take their channels from it."""
+    walked = {chunk.place.offset: chunk for chunk in found.chunks}
+    for offset in walked.keys() | found.listed.keys():
+        chunk, listed = walked.get(offset), found.listed.get(offset)
+        if chunk is None or listed is None:
+            raise DamagedRecording(path, f"chunk at byte {offset} stands in the {'summary' if listed else 'file'} only")
+        if (chunk.start_ns, chunk.end_ns) != (listed.message_start_time, listed.message_end_time):
+            raise DamagedRecording(path, f"chunk at byte {offset} has other times than the summary lists")
+    found.chunks = [
+        replace(chunk, channels=frozenset(offsets) if (offsets := found.listed[at].message_index_offsets) else None)
+        for at, chunk in walked.items()
+    ]
+
+
+def _read_all(file: BinaryIO, found: Contents, path: Path) -> None:
+    """Take channels, times and counts from the chunks' own content, as there is no summary to ask."""
+    counts: dict[int, int] = {}
+    for index, chunk in enumerate(found.chunks):
+        records = chunk_records(file, chunk, path)
+        stamps = [record.log_time for record in records if isinstance(record, Message)]
+        held = [record.channel_id for record in records if isinstance(record, Message)]
+        for record in records:
             _keep(record, found)
-            if isinstance(record, Message) and not chunk.indexed:
-                chunk.counts[record.channel_id] = chunk.counts.get(record.channel_id, 0) + 1
+        for number in held:
+            counts[number] = counts.get(number, 0) + 1
+        times = (min(stamps), max(stamps)) if stamps else (0, 0)
+        found.chunks[index] = ChunkPlace(chunk.place, *times, frozenset(held))
+    for place in found.loose:
+        number = loose_message(file, place, path).channel_id
+        counts[number] = counts.get(number, 0) + 1
+    found.counts = counts
 
 
 def chunk_records(file: BinaryIO, chunk: ChunkPlace, path: Path) -> list[McapRecord]:
@@ -160,6 +191,8 @@ _READERS = {
     Opcode.CHANNEL: lambda stream, _: Channel.read(stream),
     Opcode.METADATA: lambda stream, _: Metadata.read(stream),
     Opcode.CHUNK: lambda stream, _: Chunk.read(stream),
+    Opcode.CHUNK_INDEX: lambda stream, _: ChunkIndex.read(stream),
+    Opcode.STATISTICS: lambda stream, _: Statistics.read(stream),
     Opcode.FOOTER: lambda stream, _: Footer.read(stream),
     Opcode.MESSAGE: Message.read,
 }
@@ -197,4 +230,4 @@ def _check_summary(file: BinaryIO, footer: Place, path: Path) -> None:
 def _reach(found: Contents) -> str:
     if not found.chunks:
         return "before its first complete chunk"
-    return f"{len(found.chunks)} complete chunks were read"
+    return f"{len(found.chunks)} complete chunks are left, up to t = {found.chunks[-1].end_ns / 1e9:.3f} s"

@@ -1,6 +1,7 @@
 """Frozen dataclasses read from TOML: units converted, unknown keys and impossible values refused."""
 
 import difflib
+import math
 import tomllib
 import types
 from collections.abc import Iterable, Mapping
@@ -84,6 +85,8 @@ def _convert(value: object, hint: Any, metadata: Mapping[str, Any], place: str) 
         value = float(value)
     if type(value) is not hint:
         raise BadInput(place, f"is {value!r:.60}", f"expected {hint.__name__}")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise BadInput(place, f"is {value}", "expected a finite number")
     _check(value, metadata, place)
     return value
 

@@ -184,7 +184,7 @@ class Recording:
         """Return the channels by topic; several channels of one topic and schema are one."""
         found: dict[str, Channel] = {}
         for number, channel in self._contents.channels.items():
-            count = sum(chunk.counts.get(number, 0) for chunk in self._contents.chunks)
+            count = (self._contents.counts or {}).get(number, 0)
             schema = self._contents.schemas.get(channel.schema_id)
             topic, unreadable = _readable(channel, schema)
             before = found.get(channel.topic)
@@ -195,7 +195,7 @@ class Recording:
         return dict(sorted(found.items()))
 
     def _span(self) -> tuple[int, int]:
-        chunks = [chunk for chunk in self._contents.chunks if chunk.counts or not chunk.indexed]
+        chunks = [chunk for chunk in self._contents.chunks if chunk.channels is None or chunk.channels]
         loose = [container.loose_message(self._file, place, self.path).log_time for place in self._contents.loose]
         starts = [chunk.start_ns for chunk in chunks] + loose
         ends = [chunk.end_ns for chunk in chunks] + loose
@@ -235,7 +235,7 @@ class Recording:
 
     def _groups(self, channel: Channel, start: float, end: float) -> Iterator[list[Message]]:
         for chunk in self._contents.chunks:
-            wanted = not chunk.indexed or any(number in chunk.counts for number in channel.ids)
+            wanted = chunk.channels is None or not chunk.channels.isdisjoint(channel.ids)
             if wanted and chunk.end_ns >= start and chunk.start_ns < end:
                 records = container.chunk_records(self._file, chunk, self.path)
                 yield [record for record in records if isinstance(record, Message)]

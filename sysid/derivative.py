@@ -38,13 +38,11 @@ def noise_robust_derivative(time_s: Array, value: Array, half: int = 4) -> Array
     speed = np.empty_like(value)
     speed[0] = (value[1] - value[0]) / (time_s[1] - time_s[0])
     speed[-1] = (value[-1] - value[-2]) / (time_s[-1] - time_s[-2])
-    n = len(value)
-    for reach in range(1, half + 1):
-        inner = slice(reach, n - reach) if reach == half else np.array([reach, n - 1 - reach])
-        centre = np.arange(n)[inner]
-        centre = centre[(centre >= reach) & (centre < n - reach)]
+    reach = np.minimum(np.arange(len(value)), np.arange(len(value))[::-1]).clip(max=half)
+    for length in range(1, half + 1):
+        centre = np.flatnonzero(reach == length)
         speed[centre] = 0.0
-        for k, weight in enumerate(_weights(reach), start=1):
-            rise = value[centre + k] - value[centre - k]
-            speed[centre] += weight * 2 * k * rise / (time_s[centre + k] - time_s[centre - k])
+        for k, weight in enumerate(_weights(length), start=1):
+            rise, time = value[centre + k] - value[centre - k], time_s[centre + k] - time_s[centre - k]
+            speed[centre] += 2 * k * weight * rise / time
     return speed

@@ -33,14 +33,14 @@ class Outcome:
             console.print(part, markup=False) if isinstance(part, str) else console.print(part)
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> Any:
-    """Return a printable table: first column left, the others right."""
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], title: str = "", words: int = 1) -> Any:
+    """Return a printable table: the first `words` columns left, the others right."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
     made = Table(title=title or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for index, name in enumerate(header):
-        made.add_column(name, justify="right" if index else "left", overflow="fold")
+        made.add_column(name, justify="left" if index < words else "right", overflow="fold")
     for row in rows:
         made.add_row(*row)
     return made
@@ -191,7 +191,7 @@ def import_(options: argparse.Namespace) -> Outcome:
 
     if options.list:
         rows = [[name, load(name).source.title, load(name).source.licence] for name in names()]
-        return Outcome({"mappings": names()}, [table(["mapping", "what", "licence of the log"], rows)])
+        return Outcome({"mappings": names()}, [table(["mapping", "what", "licence of the log"], rows, words=3)])
     if not (options.log and options.mapping and options.out):
         raise BadInput("import", "needs LOG, --mapping and --out", "list the shipped mappings with --list")
     out = Path(options.out)
@@ -237,7 +237,7 @@ def table_(options: argparse.Namespace) -> Outcome:
 
     if not options.number:
         rows = [[number, thesis_table(number).title] for number in tables()]
-        return Outcome({"tables": tables()}, [table(["table", "title"], rows)])
+        return Outcome({"tables": tables()}, [table(["table", "title"], rows, words=2)])
     found = thesis_table(options.number)
     rows = {
         label: {name: {"printed": cell.printed, "si": cell.si, "lack": cell.lack} for name, cell in row.items()}

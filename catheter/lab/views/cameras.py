@@ -1,0 +1,39 @@
+"""Camera topics: pictures as they were recorded, at their times."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from catheter.lab.views.clocks import stamps
+from catheter.lab.views.labels import plain, view_name
+
+if TYPE_CHECKING:
+    from catheter.lab.replay import Replay
+
+MEDIA = {"jpeg": "image/jpeg", "png": "image/png"}
+
+
+def log_camera(
+    stream: rr.RecordingStream, replay: "Replay", topic: str, step: Callable[[], None]
+) -> rrb.Spatial2DView | None:
+    """Write a topic's pictures one by one, calling `step` after each, and return their view.
+
+    What the viewer cannot decode is counted in `replay.left_out`; None when nothing is left.
+    """
+    path = f"/camera{topic}"
+    shown, refused = 0, 0
+    for picture in replay.recording.pictures(topic):
+        media = MEDIA.get(picture.format.lower())
+        if media is None:
+            refused += 1
+        else:
+            columns = rr.EncodedImage.columns(blob=[picture.data], media_type=[media])
+            stream.send_columns(path, indexes=[stamps([picture.time_s])], columns=columns)
+            shown += 1
+        step()
+    if refused:
+        replay.left_out.append(f"{refused} pictures of {topic}: the viewer shows {' and '.join(MEDIA)} alone")
+    name = view_name(plain(topic), "", replay.recording.kind)
+    return rrb.Spatial2DView(name=name, origin=path) if shown else None

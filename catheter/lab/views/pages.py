@@ -1,0 +1,83 @@
+"""The plots of a replay: its response with models, residuals side by side, and every other signal."""
+
+from typing import TYPE_CHECKING
+
+import rerun.blueprint as rrb
+
+from catheter.lab.views.columns import Candidate, Columns
+from catheter.lab.views.labels import BEST, MEASURED, MODELS, SIGNALS, plain, shown_unit, view_name
+from catheter.lab.views.plots import Line, plot
+
+if TYPE_CHECKING:
+    from catheter.lab.replay import Replay
+
+
+def response_plot(replay: "Replay", columns: Columns, shown: list[Candidate]) -> rrb.TimeSeriesView:
+    """Return the plot of the measured response and the models, of which `shown` are drawn."""
+    label, kind = replay.ask.response, replay.recording.kind
+    lines = [Line(columns.signals[label], f"{plain(label)}, {kind}", MEASURED, 3.0)]
+    for candidate in shown:
+        lines.append(Line(candidate.model, candidate.fit.model.name, _colour(replay, candidate), 1.2))
+    for candidate in columns.candidates:
+        if candidate not in shown:
+            name, colour = candidate.fit.model.name, _colour(replay, candidate)
+            lines.append(Line(candidate.model, name, colour, 1.2, shown=False))
+    what = f"{plain(label)} and its models" if shown else plain(label)
+    return plot(view_name(what, shown_unit(replay.signals[label])[0], kind), lines)
+
+
+def residual_plots(replay: "Replay", shown: list[Candidate]) -> list[rrb.TimeSeriesView]:
+    """Return a plot of the residual of each model, all over the same range, to be put side by side."""
+    unit = shown_unit(replay.signals[replay.ask.response])[0]
+    reach = 1.1 * max((candidate.reach for candidate in shown), default=0.0)
+    span = (-reach, reach) if reach > 0 else None
+    views = []
+    for candidate in shown:
+        name = view_name(f"residual, {candidate.fit.model.name}", unit, replay.recording.kind)
+        line = Line(candidate.residual, candidate.fit.model.name, _colour(replay, candidate), 1.0)
+        views.append(plot(name, [line], span))
+    return views
+
+
+def few(replay: "Replay", columns: Columns) -> list[Candidate]:
+    """Return the models worth a first look: the best, the middle one and the first that is tried."""
+    ranked = columns.candidates
+    if not ranked:
+        return []
+    first = next(candidate for candidate in ranked if candidate.fit is replay.models[0])
+    picked = [ranked[0], ranked[len(ranked) // 2], first]
+    return [candidate for index, candidate in enumerate(picked) if candidate not in picked[:index]]
+
+
+def signal_plots(replay: "Replay", columns: Columns) -> list[rrb.TimeSeriesView]:
+    """Return one plot for each topic and unit, those that were asked for first.
+
+    The response is left out where the plot of its models shows it already.
+    """
+    ask = replay.ask
+    groups: dict[tuple[str, str], list[str]] = {}
+    for label in (*filter(None, (ask.response, ask.input, *ask.others)), *replay.signals):
+        unit = shown_unit(replay.signals[label])[0]
+        members = groups.setdefault((label.partition(":")[0], unit), [])
+        if label not in members:
+            members.append(label)
+    if columns.candidates:
+        groups = {key: labels for key, labels in groups.items() if labels != [ask.response]}
+    return [_signal_plot(replay, columns, unit, labels) for (_, unit), labels in groups.items()]
+
+
+def _signal_plot(replay: "Replay", columns: Columns, unit: str, labels: list[str]) -> rrb.TimeSeriesView:
+    ordered = [label for label in replay.signals if label in labels]
+    lines = [
+        Line(columns.signals[label], label.partition(":")[2] or plain(label), SIGNALS[index % len(SIGNALS)])
+        for index, label in enumerate(ordered)
+    ]
+    what = plain(ordered[0]) if len(ordered) == 1 else plain(ordered[0].partition(":")[0])
+    return plot(view_name(what, unit, replay.recording.kind), lines)
+
+
+def _colour(replay: "Replay", candidate: Candidate) -> tuple[int, int, int]:
+    """Return the model's colour: the same in every plot."""
+    if candidate.fit is replay.best:
+        return BEST
+    return MODELS[next(i for i, fit in enumerate(replay.models) if fit is candidate.fit) % len(MODELS)]

@@ -1,0 +1,92 @@
+"""The dashboard of a replay: signals, models, loops and pictures on one timeline, in one .rrd.
+
+The .rrd is a view, made anew when it is asked for; the recording stays the record. Only the
+release of rerun that wrote a .rrd, and the next, are promised to read it.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+from uuid import uuid4
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from catheter.lab.views.cameras import log_camera
+from catheter.lab.views.clocks import Clocks
+from catheter.lab.views.columns import Columns, collect
+from catheter.lab.views.labels import view_name
+from catheter.lab.views.layout import Views, blueprint
+from catheter.lab.views.loops import log_loops
+from catheter.lab.views.pages import few, residual_plots, response_plot, signal_plots
+from catheter.lab.views.summary import summary
+from data.errors import CannotWrite
+
+if TYPE_CHECKING:
+    from catheter.lab.replay import Replay
+
+
+def save(replay: "Replay", path: Path, *, progress: Callable[[float], None] | None = None) -> None:
+    """Write the dashboard of a replay to `path`, an .rrd file that is replaced.
+
+    progress is called with the share that is written, rising to 1. Numbers are logged by column,
+    pictures one at a time. Raises CannotWrite for a place that cannot be written, BadInput for a
+    recording whose pictures cannot be read.
+    """
+    rr.set_strict_mode(True)  # what rerun would only warn of is an error here
+    clocks = Clocks()
+    columns = collect(replay, clocks)
+    # An own application for each file: the viewer keeps one blueprint for each application.
+    stream = rr.RecordingStream(f"{replay.recording.path.stem} {uuid4().hex[:8]}")
+    try:
+        stream.save(path)
+        _write(stream, replay, clocks, columns, _steps(replay, clocks, progress))
+        stream.flush()
+    except RuntimeError as error:  # rerun's only word for a disk that is full or a folder that is not there
+        raise CannotWrite(path, f"cannot be written: {error}; free space or name another place") from error
+    finally:
+        stream.disconnect()
+
+
+def _steps(replay: "Replay", clocks: Clocks, progress: Callable[[float], None] | None) -> Callable[[], None]:
+    """Return what is to be called after each clock, each picture, and the end."""
+    total = len(clocks) + sum(replay.recording.channels[name].messages for name in replay.cameras) + 1
+    done = 0
+
+    def step() -> None:
+        nonlocal done
+        done += 1
+        if progress:
+            progress(min(1.0, done / total))
+
+    return step
+
+
+def _write(
+    stream: rr.RecordingStream, replay: "Replay", clocks: Clocks, columns: Columns, step: Callable[[], None]
+) -> None:
+    kind = replay.recording.kind
+    clocks.send(stream, step)
+    views = Views(rrb.TextDocumentView(name=view_name("summary", "", kind), origin="/summary"))
+    families = [family for family in replay.loops if family.loops]
+    width = 1.7 if len(families) == 1 else 0.9
+    views.loops = [log_loops(stream, family, replay.signals, kind, width=width) for family in families]
+    cameras = (log_camera(stream, replay, topic, step) for topic in replay.cameras)
+    views.cameras = [view for view in cameras if view]
+    _plots(replay, columns, views)
+    # Last, because it lists what was left out on the way.
+    document = rr.TextDocument(summary(replay), media_type=rr.MediaType.MARKDOWN)
+    stream.log("/summary", document, static=True)
+    stream.send_recording_name(replay.title)
+    stream.send_blueprint(blueprint(views, kind))
+    step()
+
+
+def _plots(replay: "Replay", columns: Columns, views: Views) -> None:
+    views.signals = signal_plots(replay, columns)
+    shown = few(replay, columns)
+    if shown:
+        views.response = [response_plot(replay, columns, shown)]
+        views.residuals = residual_plots(replay, shown)
+        views.every_response = [response_plot(replay, columns, columns.candidates)]
+        views.every_residual = residual_plots(replay, columns.candidates)

@@ -1,0 +1,63 @@
+"""Reports keep failures as rows, and say what they were made on."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+
+from catheter.lab import cli
+from catheter.lab.report import Report, Row, machine, measure, write
+from data.errors import DidNotConverge
+
+
+def test_a_solve_that_fails_is_a_row_that_says_so() -> None:
+    def fails() -> object:
+        raise DidNotConverge("residual 3e-4 > 1e-8")
+
+    row = measure("method", "1", fails, lambda _: 0.0)
+    assert "residual 3e-4" in row.failed
+    assert np.isnan(row.error)
+    good = measure("method", "1", lambda: 3.0, lambda answer: abs(answer - np.pi))
+    assert good.error == abs(3.0 - np.pi)
+    assert good.seconds > 0
+
+
+def test_a_report_is_csv_picture_and_what_it_was_made_on(tmp_path: Path) -> None:
+    rows = [Row(method="a", level=f"{n}", error=10.0**-n, seconds=0.1 * n) for n in (1, 2, 3)]
+    rows.append(Row(method="b", level="1", error=float("nan"), seconds=0.1, failed="failed: too stiff"))
+    made = Report(name="r", title="Error against run time", level="order", error="error [1]", rows=rows)
+    for _ in range(2):  # a later run replaces the earlier one
+        paths = {path.suffix: path for path in write(made, tmp_path / "out")}
+    with paths[".csv"].open(newline="") as file:
+        read = list(csv.DictReader(file))
+    assert [float(row["error [1]"]) for row in read[:3]] == [0.1, 0.01, 0.001]
+    assert read[3]["failed"] == "failed: too stiff"
+    about = json.loads(paths[".json"].read_text())
+    assert {"machine", "python", "numpy", "commit", "date"} <= set(about)
+    import cv2
+
+    picture = cv2.imread(str(paths[".png"]))
+    assert picture.std() > 10  # not blank
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["r.csv", "r.json", "r.png"]
+
+
+def test_the_machine_is_named() -> None:
+    assert all(machine().values())
+
+
+def test_regression_report_finds_ours_as_exact_as_any(tmp_path: Path, capsys) -> None:
+    assert cli.run(["report", "regression", "--quick", "--json", "--out", str(tmp_path)]) == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    ours = [row["error"] for row in rows if row["method"].startswith("this project")]
+    assert len(ours) == 2
+    assert max(ours) < 1e-12
+    gram = [row["error"] for row in rows if row["method"].startswith("Gram")]
+    assert min(gram) > max(ours)  # squaring the condition number costs digits
+
+
+def test_hysteresis_report_on_the_shipped_recording(tmp_path: Path, capsys) -> None:
+    assert cli.run(["report", "hysteresis", "--quick", "--json", "--out", str(tmp_path)]) == 0
+    found = json.loads(capsys.readouterr().out)
+    by_level = {row["level"]: row["error"] for row in found["rows"] if row["method"].startswith("stop")}
+    assert by_level["5"] < by_level["1"]
