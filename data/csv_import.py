@@ -11,17 +11,16 @@ from typing import TextIO
 import numpy as np
 from numpy.typing import NDArray
 
+from data.clock import ClockRepair, Mask
 from data.errors import BadInput
-from data.mapping import SEPARATORS, Clock, Column, Mapping
+from data.mapping import SEPARATORS, Column, Mapping
 from data.recorder import Recorder
 from data.signal import Array, Signal
 from data.units import UNDOCUMENTED, factor_to_si
 
 BLOCK_ROWS = 1 << 16
-GAP_FACTOR = 5.0
 
 Progress = Callable[[float], None]
-Mask = NDArray[np.bool_]
 
 
 @dataclass
@@ -30,16 +29,13 @@ class _Log:
 
     path: Path
     mapping: Mapping
-    row: int = 0  # data rows read
-    last_s: float = -np.inf
-    origin_s: float | None = None
-    backwards: int = 0
-    dropped: int = 0
-    gaps: int = 0
-    widest_s: float = 0.0
-    median_s: float = 0.0
+    row: int = 0  # of the block that is being read
     heads: dict[str, int] = field(default_factory=dict)
     begun: set[str] = field(default_factory=set)
+
+    def line(self, row: int) -> str:
+        """Return how errors name a data row."""
+        return f"{self.path}, line {row + 1 + self.mapping.format.header}"
 
 
 def import_log(
@@ -52,6 +48,7 @@ def import_log(
     NaN, a clock that does not increase; CannotWrite for the output.
     """
     state = _Log(log, mapping)
+    clock = ClockRepair(mapping.clock, state.line)
     origin = {"kind": "measured", **{k: v for k, v in vars(mapping.source).items() if v}, "file": log.name}
     with _open(log) as file:
         size = max(1, os.fstat(file.fileno()).st_size)
@@ -65,10 +62,10 @@ def import_log(
             for column in mapping.topics:
                 recorder.add(column.described())
             for block in itertools.chain([first], blocks):
-                recorder.write_signals(_signals(block, state))
+                recorder.write_signals(_signals(block, state, clock))
                 if progress:
                     progress(file.buffer.tell() / size)
-            repairs = _repairs(state)
+            repairs = _repairs(state, clock)
             listed = {f"repair.{i}": text for i, text in enumerate(repairs, start=1)}
             recorder.note("import", {"mapping": mapping.text, **listed})
     return repairs
@@ -124,7 +121,9 @@ def _numbers(rows: list[str], indices: list[int], width: int, state: _Log) -> Ar
         cells = row.count(separator) + 1 if separator else len(row.split())
         if cells != width or row.isspace():
             found = "is empty" if row.isspace() else f"has {cells} cells"
-            raise BadInput(_line(state, number), found, f"expected {width}: {', '.join(state.mapping.format.columns)}")
+            raise BadInput(
+                state.line(state.row + number), found, f"expected {width}: {', '.join(state.mapping.format.columns)}"
+            )
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -141,17 +140,15 @@ def _bad_cell(rows: list[str], indices: list[int], state: _Log) -> BadInput:
                 float(cells[index])
             except ValueError:
                 name = state.mapping.format.columns[index]
-                return BadInput(f"{_line(state, number)}, column {name!r}", f"{cells[index]!r:.60} is not a number")
+                return BadInput(
+                    f"{state.line(state.row + number)}, column {name!r}", f"{cells[index]!r:.60} is not a number"
+                )
     return BadInput(state.path, "cannot be read as numbers")
 
 
-def _line(state: _Log, number: int) -> str:
-    return f"{state.path}, line {state.row + number + 1 + state.mapping.format.header}"
-
-
-def _signals(block: dict[str, Array], state: _Log) -> dict[str, Signal]:
+def _signals(block: dict[str, Array], state: _Log, clock: ClockRepair) -> dict[str, Signal]:
     """Return the block as signals in SI on the repaired clock."""
-    time_s, kept = _clock(block[state.mapping.clock.column], state)
+    time_s, kept = clock.seconds(block[state.mapping.clock.column])
     found = {}
     for topic in state.mapping.topics:
         values = np.stack([block[name][kept] for name in topic.columns], axis=1)
@@ -176,94 +173,14 @@ def _head(values: Array, topic: Column, state: _Log, rows: NDArray[np.int64]) ->
     if remaining.any():
         at = int(rows[start + int(np.argmax(remaining))])
         advice = "a leading NaN stretch may be dropped with nan = 'head', NaN recorded with nan = 'keep'"
-        raise BadInput(_line(state, at) + f", topic {topic.topic}", "value is NaN or infinite", advice)
+        raise BadInput(state.line(state.row + at) + f", topic {topic.topic}", "value is NaN or infinite", advice)
     return start
 
 
-def _clock(stamps: Array, state: _Log) -> tuple[Array, Mask]:
-    """Return (seconds from the first kept row, which rows are kept)."""
-    clock = state.mapping.clock
-    seconds = stamps * factor_to_si(clock.unit)
-    bad = np.flatnonzero(~np.isfinite(seconds))
-    if bad.size:
-        raise BadInput(_line(state, int(bad[0])), f"time is {stamps[bad[0]]}", "every row needs a time stamp")
-    kept = np.arange(state.row, state.row + len(stamps)) >= clock.drop_first
-    if clock.period is not None:
-        return _index_clock(seconds, kept, clock.period, state)
-    steps: Array = np.diff(seconds[kept], prepend=state.last_s)
-    if clock.duplicates == "drop":
-        state.dropped += int(np.sum(steps == 0))
-        kept[np.flatnonzero(kept)[steps == 0]] = False
-        steps = np.diff(seconds[kept], prepend=state.last_s)
-    if (steps <= 0).any():
-        raise _backwards(seconds, np.flatnonzero(kept), int(np.argmax(steps <= 0)), steps, state)
-    time_s = seconds[kept]
-    if len(time_s):
-        _watch_gaps(steps[np.isfinite(steps)], state)
-        state.last_s = float(time_s[-1])
-        state.origin_s = float(time_s[0]) if state.origin_s is None else state.origin_s
-    return time_s - (state.origin_s or 0.0), kept
-
-
-def _index_clock(seconds: Array, kept: Mask, period: float, state: _Log) -> tuple[Array, Mask]:
-    """Return row number x period, after checking it against every printed stamp."""
-    rows = np.arange(state.row, state.row + len(seconds))
-    state.origin_s = float(seconds[0]) if state.origin_s is None else state.origin_s
-    regular = state.origin_s + rows * period
-    digits = state.mapping.clock.digits
-    magnitude = np.floor(np.log10(np.maximum(np.abs(seconds), 1e-300)))
-    resolution = np.maximum(10.0 ** (magnitude + 1 - digits), 10.0 ** (-300))
-    off = np.abs(seconds - regular) > 0.51 * resolution  # half a unit of the last digit, and rounding
-    if off.any():
-        at = int(np.argmax(off))
-        raise BadInput(
-            _line(state, at),
-            f"stamp {seconds[at]:.9g} s is {abs(seconds[at] - regular[at]):.3g} s off row x {period:.9g} s",
-            f"a regular clock must agree to the last of {digits} digits; correct [clock] period",
-        )
-    state.backwards += int(np.sum(np.diff(seconds, prepend=state.last_s) <= 0))
-    state.last_s = float(seconds[-1])
-    drop = state.mapping.clock.drop_first
-    return np.asarray((rows[kept] - drop) * period, dtype=np.float64), kept
-
-
-def _backwards(seconds: Array, rows: NDArray[np.int64], at: int, steps: Array, state: _Log) -> BadInput:
-    bad = int(np.sum(steps <= 0))
-    return BadInput(
-        _line(state, int(rows[at])),
-        f"time {seconds[rows[at]]:.9g} s does not come after the row before ({bad} such rows in this block)",
-        "if the clock is regular give [clock] period, if rows repeat give duplicates = 'drop'",
-    )
-
-
-def _watch_gaps(steps: Array, state: _Log) -> None:
-    if not state.median_s and steps.size:
-        state.median_s = float(np.median(steps))
-    wide = steps > GAP_FACTOR * state.median_s
-    state.gaps += int(wide.sum())
-    state.widest_s = max(state.widest_s, float(steps.max(initial=0.0)))
-
-
-def _repairs(state: _Log) -> list[str]:
+def _repairs(state: _Log, clock: ClockRepair) -> list[str]:
     """Return in words everything that was done to the log, and what was found and left."""
-    clock: Clock = state.mapping.clock
-    found = []
-    if clock.drop_first:
-        found.append(f"the first {clock.drop_first} row(s) dropped: no sound time stamp")
-    if clock.period is not None:
-        found.append(
-            f"{state.backwards} of {state.row} printed stamps do not increase; the clock is row x {clock.period:.9g} "
-            f"s, which agrees with every stamp to its last of {clock.digits} digits"
-        )
-    if state.dropped:
-        found.append(f"{state.dropped} rows with a repeated stamp dropped")
-    for topic, count in state.heads.items():
-        if count:
-            found.append(f"{topic} begins after {count} leading rows of NaN")
-    if state.gaps:
-        found.append(
-            f"{state.gaps} gaps wider than 5 sampling intervals left as they are, the widest {state.widest_s:.3g} s"
-        )
+    found = clock.report()
+    found += [f"{topic} begins after {n} leading rows of NaN" for topic, n in state.heads.items() if n]
     undocumented = [topic.topic for topic in state.mapping.topics if topic.unit == UNDOCUMENTED]
     if undocumented:
         found.append(f"unit undocumented, recorded as 1: {', '.join(undocumented)}")

@@ -114,7 +114,7 @@ def test_repairs_are_done_and_named(tmp_path: Path) -> None:
     assert any("first 1 row" in text for text in repairs)
     assert any("1 rows with a repeated stamp dropped" in text for text in repairs)
     assert any("/force begins after 1 leading rows of NaN" in text for text in repairs)
-    assert any("1 gaps wider than 5 sampling intervals left as they are, the widest 1.6 s" in text for text in repairs)
+    assert any("1 gaps wider than 5 sampling intervals left, the widest 1.6 s" in text for text in repairs)
     with Recording(out) as recording:
         assert recording.signal("/force").value.tolist() == [2, 3, 4, 5, 6]
         listed = recording.metadata["import"]

@@ -239,10 +239,10 @@ def table_(options: argparse.Namespace) -> Outcome:
         rows = [[number, thesis_table(number).title] for number in tables()]
         return Outcome({"tables": tables()}, [table(["table", "title"], rows, words=2)])
     found = thesis_table(options.number)
-    rows = {
+    cells = {
         label: {name: {"printed": cell.printed, "si": cell.si, "lack": cell.lack} for name, cell in row.items()}
         for label, row in found.rows.items()
     }
     units = {name: column.unit for name, column in found.columns.items()}
-    values = {"number": found.number, "title": found.title, "source": found.source, "units": units, "rows": rows}
+    values = {"number": found.number, "title": found.title, "source": found.source, "units": units, "rows": cells}
     return Outcome(values, [found.text()])
