@@ -146,7 +146,8 @@ class Recording:
         for stamps, data in self._messages(channel, start_s, end_s):
             values = message.decode(data, len(channel.topic.components), place)[:, columns]
             time_s = self._seconds(stamps)
-            check_increasing(np.append(last_s, time_s) if np.isfinite(last_s) else time_s, place)
+            if time_s[0] <= last_s:
+                check_increasing(np.array([last_s, time_s[0]]), place)
             last_s = time_s[-1]
             names = tuple(channel.topic.components[i] for i in columns)
             if len(columns) == 1:

@@ -72,6 +72,15 @@ def test_blocks_join_without_a_seam(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         assert recording.signal("/force").value.tolist() == [-i for i in range(1000)]
 
 
+def test_lines_are_counted_over_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(csv_import, "BLOCK_ROWS", 77)
+    rows = [f"{i / 100},{i},{-i}" for i in range(1000)]
+    with pytest.raises(BadInput, match=r"line 501, column 'f': 'x'"):
+        bring_in(tmp_path, "\n".join([*rows[:500], "5,1,x", *rows[501:]]))
+    with pytest.raises(BadInput, match=r"line 502: time 4"):
+        bring_in(tmp_path, "\n".join([*rows[:501], "4,1,1", *rows[502:]]))
+
+
 @pytest.mark.parametrize(
     ("log", "options", "found"),
     [
@@ -88,6 +97,7 @@ def test_blocks_join_without_a_seam(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         ("0,1,2\n0.2,1,1\n0.2,1,1\n", {}, r"line 3: time 0.2 s does not come after"),
         ("0,1,2\n0.2,1,1\n0.1,1,1\n", {"clock": 'duplicates = "drop"'}, r"line 3: time 0.1 s"),
         ("0,1,2\n0.1,1,1\n0.25,1,1\n", {"clock": 'period = "100 ms"'}, r"line 3: stamp 0.25 s is 0.05 s off"),
+        ("0,1,2\n0.11,1,1\n", {"clock": 'period = "100 ms"\ndigits = 2'}, r"line 2: stamp 0.11 s is 0.01 s off"),
         ("", {}, r"has no rows"),
         ("a,b,c\n0,1,2\n", {"text": "header = true"}, r"line 1: column 1 is 'a'; the mapping expects 't'"),
         ("t,x\n0,1\n", {"text": "header = true"}, r"line 1: has 2 columns"),

@@ -64,6 +64,13 @@ def test_stored_and_returned_energy_of_a_lossless_spring_are_equal() -> None:
         assert loop.stored == pytest.approx(quad(lambda v: v**3, 0, 2)[0], rel=1e-5)
 
 
+def test_an_open_cycle_is_closed_by_its_chord() -> None:
+    x = np.concatenate([np.linspace(0, 1, 11), np.linspace(0.9, 0.5, 5)])  # up and half way down a line: no loss
+    loop = loops(x, x)[0]
+    assert (loop.stored, loop.returned) == (pytest.approx(0.5), pytest.approx(0.375))
+    assert loop.area == pytest.approx(0, abs=1e-15)
+
+
 def test_turning_points_of_a_noisy_sine_are_the_sines() -> None:
     x = np.sin(T) + 0.02 * DRAW.normal(size=len(T))
     turns = turning_points(x, 0.5)[1:-1]

@@ -5,6 +5,7 @@ import signal as signals
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -39,8 +40,26 @@ def test_round_trip_is_exact_for_any_number_of_components(tmp_path: Path, size: 
     with Recording(tmp_path / "a.mcap") as recording:
         read = recording.signal("/many")
         assert read.value.reshape(50, size).tobytes() == values.tobytes()
-        assert np.abs(read.time_s - (time_s - time_s[0])).max() <= 1e-9  # stamps are whole nanoseconds
         assert read.components == (names if size > 1 else ())
+
+
+def test_stamps_are_rounded_to_the_nearest_nanosecond(recorded: Path) -> None:
+    with Recording(recorded) as recording:
+        read = recording.signal("/force").time_s
+    assert np.abs(read - np.arange(20_000) / 83).max() < 0.501e-9
+
+
+def test_many_fields_are_what_protobuf_itself_reads() -> None:
+    from data import message
+
+    names = tuple(f"c{i}" for i in range(40))
+    pool = descriptor_pool.DescriptorPool()
+    pool.Add(FileDescriptorSet.FromString(message.schema("catheter.Many", names)).file[0])
+    kind = message_factory.GetMessageClass(pool.FindMessageTypeByName("catheter.Many"))
+    values = odd_numbers(40)
+    read = kind.FromString(message.encode(values[None, :]).tobytes())
+    assert np.array([getattr(read, name) for name in names]).tobytes() == values.tobytes()
+    assert message.decode([read.SerializeToString()], 40, "here").tobytes() == values.tobytes()
 
 
 def test_messages_are_what_protobuf_itself_reads(recorded: Path) -> None:
@@ -64,8 +83,9 @@ def test_messages_are_what_protobuf_itself_reads(recorded: Path) -> None:
 def test_a_window_equals_the_same_part_of_the_whole_and_blocks_join_to_it(recorded: Path) -> None:
     with Recording(recorded) as recording:
         whole = recording.signal("/force")
-        part = recording.signal("/force", start_s=100.0, end_s=123.4)
-        expected = whole.window(100.0, 123.4)
+        part = recording.signal("/force", start_s=100.0, end_s=200.0)  # both are samples
+        expected = whole.window(100.0, 200.0)
+        assert (part.time_s[0], len(part)) == (100.0, 8300)
         assert part.value.tolist() == expected.value.tolist()
         assert part.time_s.tolist() == expected.time_s.tolist()
         blocks = list(recording.blocks("/force"))
@@ -304,6 +324,43 @@ def test_what_is_no_recording_is_refused(tmp_path: Path, content: bytes, found: 
             Recording(path)
     with pytest.raises(BadInput, match="cannot be read"):
         Recording(tmp_path / "missing.mcap")
+
+
+def test_changed_times_and_a_changed_summary_are_noticed(recorded: Path, tmp_path: Path) -> None:
+    content, damaged = recorded.read_bytes(), tmp_path / "damaged.mcap"
+    with Recording(recorded) as recording:
+        chunk = recording._contents.chunks[0].place
+    summary = int.from_bytes(content[-28:-20], "little")  # the footer's first field
+    for at, found in (
+        (chunk.offset, "other times than the summary lists"),  # the chunk's start time
+        (chunk.offset + 8, "other times"),
+        *((at, "fails its checksum|summary|record cannot be read") for at in range(summary + 9, len(content) - 37, 101)),
+    ):
+        flipped = bytearray(content)
+        flipped[at] ^= 1
+        damaged.write_bytes(flipped)
+        with pytest.raises(DamagedRecording, match=found), warnings.catch_warnings():
+            warnings.simplefilter("ignore", RecordingCut)
+            Recording(damaged)
+
+
+def test_time_running_backwards_from_one_chunk_to_the_next_is_refused(tmp_path: Path) -> None:
+    from mcap.writer import Writer
+
+    from data import message
+
+    path = tmp_path / "back.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("catheter.Force", "protobuf", message.schema("catheter.Force", ("force",)))
+        channel = writer.register_channel("/force", "protobuf", schema)
+        for stamp in (2_000_000_000, 1_000_000_000):
+            writer.add_message(channel, stamp, message.encode(np.array([[1.0]])).tobytes(), stamp)
+            writer.flush()
+        writer.finish()
+    with Recording(path) as recording, pytest.raises(BadInput, match="from 1 s to 0 s"):
+        list(recording.blocks("/force"))
 
 
 def test_time_running_backwards_in_a_file_is_refused(tmp_path: Path) -> None:
