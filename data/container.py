@@ -205,7 +205,9 @@ def _record(file: BinaryIO, place: Place, path: Path) -> McapRecord:
     try:
         record: McapRecord = _READERS[Opcode(place.opcode)](ReadDataStream(BytesIO(content)), place.length)
     except (McapError, ValueError, struct.error, EOFError) as error:
-        raise DamagedRecording(f"{path}, byte {place.offset}", f"record cannot be read ({type(error).__name__})") from error
+        raise DamagedRecording(
+            f"{path}, byte {place.offset}", f"record cannot be read ({type(error).__name__})"
+        ) from error
     return record
 
 

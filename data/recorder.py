@@ -60,6 +60,7 @@ class Recorder:
         self._last_ns: dict[str, int] = {}
         self._lock = threading.Lock()
         self._stop = threading.Event()
+        self._stop.set()
 
     def __enter__(self) -> Self:
         """Open the partial file, write what the recording is, and start the flush timer."""
@@ -78,6 +79,7 @@ class Recorder:
             self._writer.flush()
         except OSError as error:
             raise cannot_write(self.path, error) from error
+        self._stop.clear()
         if self._flush_s is not None:
             self._timer = threading.Thread(target=self._flush_often, args=(self._flush_s,), daemon=True)
             self._timer.start()
@@ -100,6 +102,7 @@ class Recorder:
 
     def add(self, topic: Topic) -> None:
         """Declare a topic; once for each, before its first message."""
+        self._check_open()
         if topic.name in self._topics:
             raise BadInput(topic.name, "was added before", "a topic is added once")
         key = (topic.schema_name, topic.components)
@@ -113,6 +116,7 @@ class Recorder:
 
     def note(self, name: str, fields: Mapping[str, str]) -> None:
         """Write a metadata record, at any time before the end."""
+        self._check_open()
         try:
             with self._lock:
                 self._writer.add_metadata(name, dict(fields))
@@ -173,7 +177,12 @@ class Recorder:
             self._last_ns[name] = int(stamps[-1])
         return stamps
 
+    def _check_open(self) -> None:
+        if self._stop.is_set():
+            raise BadInput(self.path, "the recorder is not open", "use it inside its `with` block")
+
     def _known(self, name: str) -> tuple[Topic, int]:
+        self._check_open()
         if name not in self._topics:
             raise BadInput(name, "was not added", f"known topics: {', '.join(self._topics) or 'none'}")
         return self._topics[name]

@@ -262,6 +262,16 @@ def test_what_no_reader_could_trust_is_refused(tmp_path: Path, call, found: str)
         call(recorder)
 
 
+def test_a_recorder_outside_its_block_is_refused(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "run.mcap", SIMULATED)
+    with pytest.raises(BadInput, match="not open"):
+        recorder.add(standard("/force"))
+    with recorder:
+        recorder.add(standard("/force"))
+    with pytest.raises(BadInput, match="not open"):
+        recorder.write("/force", 0.0, 1.0)
+
+
 def test_a_cut_file_is_read_up_to_the_cut(recorded: Path, tmp_path: Path) -> None:
     content = recorded.read_bytes()
     with Recording(recorded) as recording:
@@ -334,7 +344,10 @@ def test_changed_times_and_a_changed_summary_are_noticed(recorded: Path, tmp_pat
     for at, found in (
         (chunk.offset, "other times than the summary lists"),  # the chunk's start time
         (chunk.offset + 8, "other times"),
-        *((at, "fails its checksum|summary|record cannot be read") for at in range(summary + 9, len(content) - 37, 101)),
+        *(
+            (at, "fails its checksum|summary|record cannot be read")
+            for at in range(summary + 9, len(content) - 37, 101)
+        ),
     ):
         flipped = bytearray(content)
         flipped[at] ^= 1
