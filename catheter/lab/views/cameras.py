@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
@@ -22,7 +23,7 @@ def log_camera(
 
     What the viewer cannot decode is counted in `replay.left_out`; None when nothing is left.
     """
-    path = f"/camera{topic}"
+    path = f"/pictures{topic}"
     shown, refused = 0, 0
     for picture in replay.recording.pictures(topic):
         media = MEDIA.get(picture.format.lower())
@@ -30,7 +31,7 @@ def log_camera(
             refused += 1
         else:
             columns = rr.EncodedImage.columns(blob=[picture.data], media_type=[media])
-            stream.send_columns(path, indexes=[stamps([picture.time_s])], columns=columns)
+            stream.send_columns(path, indexes=[stamps(np.array([picture.time_s]))], columns=columns)
             shown += 1
         step()
     if refused:

@@ -43,13 +43,8 @@ class Clocks:
     def add(self, group: str, name: str, time_s: Array, values: Array) -> Column:
         """Put a column, values (n,) at time_s (n,), on its clock; (group, name) must be new there."""
         component = f"{group}:{name}"
-        for index, clock in enumerate(self._clocks):
-            if clock.time_s is time_s or np.array_equal(clock.time_s, time_s):
-                break
-        else:
-            index, clock = len(self._clocks), Clock(time_s)
-            self._clocks.append(clock)
-        clock.columns[component] = values
+        index = self._find(time_s)
+        self._clocks[index].columns[component] = values
         return Column(f"/clock/{index}", component)
 
     def send(self, stream: rr.RecordingStream, step: Callable[[], None]) -> None:
@@ -63,6 +58,14 @@ class Clocks:
             )
             stream.send_columns(f"/clock/{index}", indexes=[stamps(clock.time_s)], columns=columns)
             step()
+
+    def _find(self, time_s: Array) -> int:
+        """Return the number of the clock with these stamps, a new one if there is none."""
+        for index, clock in enumerate(self._clocks):
+            if clock.time_s is time_s or np.array_equal(clock.time_s, time_s):
+                return index
+        self._clocks.append(Clock(time_s))
+        return len(self._clocks) - 1
 
 
 def stamps(time_s: Array) -> rr.TimeColumn:

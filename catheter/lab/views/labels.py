@@ -5,6 +5,7 @@ import re
 import numpy as np
 
 from catheter.lab.display import display
+from data.recording import UNSTATED
 from data.signal import Array, Signal
 from data.units import UNDOCUMENTED
 
@@ -25,11 +26,12 @@ MODELS: tuple[Colour, ...] = (
 )
 SIGNALS: tuple[Colour, ...] = (MEASURED, MODELS[1], BEST, *MODELS[3:6], MODELS[0], MODELS[2])
 FRAME: Colour = (140, 140, 145)
-GRID: Colour = (55, 55, 58)
+TEXT: Colour = (200, 200, 205)
+GRID: Colour = (60, 60, 64)
 MARK: Colour = (255, 80, 70)
 
 # Five anchors of the viridis ramp, lifted at the dark end to show on a dark ground.
-_RAMP = np.array([(88, 60, 150), (62, 100, 180), (33, 145, 140), (94, 201, 98), (253, 231, 37)], dtype=np.float64)
+_RAMP = np.array([(125, 95, 200), (70, 110, 190), (33, 145, 140), (94, 201, 98), (253, 231, 37)], dtype=np.float64)
 
 
 def shown_unit(signal: Signal) -> tuple[str, float]:
@@ -40,8 +42,12 @@ def shown_unit(signal: Signal) -> tuple[str, float]:
 
 
 def view_name(what: str, unit: str, kind: str) -> str:
-    """Return 'force [N], simulated': no view is without the word that says where its data are from."""
-    return f"{what} [{unit}], {kind}" if unit else f"{what}, {kind}"
+    """Return 'simulated force [N]': no view is without the word that says where its data are from.
+
+    The word comes first, because a narrow view cuts the end of its name.
+    """
+    word = f"{kind}:" if kind == UNSTATED else kind
+    return f"{word} {what} [{unit}]" if unit else f"{word} {what}"
 
 
 def plain(label: str) -> str:
@@ -71,4 +77,4 @@ def ticks(low: float, high: float, most: int = 6) -> Array:
     power = 10.0 ** np.floor(np.log10(span / most))
     step = next(power * m for m in (1, 2, 5, 10, 20) if span / (power * m) <= most - 1)
     first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
-    return np.asarray(np.arange(first, last + 1) * step)
+    return np.asarray(np.arange(first, last + 1) * step + 0.0)  # adding 0 turns -0 into 0

@@ -3,12 +3,33 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import rerun as rr
 import rerun.blueprint as rrb
 
+from catheter.lab.views.clocks import TIMELINE
 from catheter.lab.views.labels import view_name
 
 ROWS = 6  # plots that stand under each other on the first page
 GRID = 12  # plots on each further page
+
+
+class _Pages(rrb.Tabs):
+    """The dashboard's pages, and the range of time that all plots show until somebody zooms.
+
+    Plots with a linked time axis take its range from a view of this fixed id (GLOBAL_VIEW_ID in
+    rerun's sources), which rerun's blueprints cannot name. Without it they show one minute.
+    """
+
+    SHARED_AXIS = "view/5c0dca6a-e63f-9cf7-f657-2602590474cc/TimeAxis"
+
+    def __init__(self, *pages: rrb.Container, duration_s: float) -> None:
+        super().__init__(*pages, active_tab=0)
+        self._duration_s = duration_s
+
+    def _log_to_stream(self, stream: rr.RecordingStream) -> None:
+        super()._log_to_stream(stream)
+        first, last = (rrb.TimeRangeBoundary.absolute(seconds=seconds) for seconds in (0.0, self._duration_s))
+        stream.log(self.SHARED_AXIS, rrb.TimeAxis(view_range=rr.TimeRange(start=first, end=last)))
 
 
 @dataclass
@@ -24,19 +45,24 @@ class Views:
     every_response: list[rrb.TimeSeriesView] = field(default_factory=list)
     every_residual: list[rrb.TimeSeriesView] = field(default_factory=list)
 
+    @property
+    def timed(self) -> bool:
+        """Whether anything moves with the cursor."""
+        return bool(self.response or self.signals or self.cameras)
 
-def blueprint(views: Views, kind: str) -> rrb.Blueprint:
+
+def blueprint(views: Views, kind: str, duration_s: float) -> rrb.Blueprint:
     """Return the dashboard: nothing is added or moved by the viewer, its panels are folded."""
-    room = ROWS - len(views.response) - bool(views.residuals)
+    room = ROWS - len(views.response) - len(views.residuals)
     pages = [_first(views, views.signals[:room], view_name("replay", "", kind))]
     if views.every_residual:
-        pages.append(_models(views, view_name("every model", "", kind)))
+        pages.append(_models(views, view_name("models", "", kind)))
     for number, start in enumerate(range(room, len(views.signals), GRID), 1):
         name = view_name(f"further signals {number}", "", kind)
         pages.append(rrb.Grid(*views.signals[start : start + GRID], grid_columns=2, name=name))
     return rrb.Blueprint(
-        pages[0] if len(pages) == 1 else rrb.Tabs(*pages, active_tab=0),
-        rrb.TimePanel(state="collapsed", timeline="t"),
+        _Pages(*pages, duration_s=duration_s),
+        rrb.TimePanel(state="collapsed" if views.timed else "hidden", timeline=TIMELINE),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         auto_layout=False,
@@ -44,18 +70,34 @@ def blueprint(views: Views, kind: str) -> rrb.Blueprint:
     )
 
 
+def picture_shape(loops: int, cameras: int) -> tuple[float, float]:
+    """Return (width, height of a line of text) of a loop picture, in heights of its axes.
+
+    Texts keep their size on the screen; what room they need depends on how large the picture is.
+    """
+    if _shared_row(loops, cameras) or not cameras:
+        return (1.7 if loops + cameras == 1 else 0.9), 0.085
+    return (2.4 if loops == 1 else 1.1), 0.13
+
+
+def _shared_row(loops: int, cameras: int) -> bool:
+    """Return whether loops and cameras stand side by side, rather than in a row each."""
+    return loops + cameras <= 2
+
+
 def _first(views: Views, signals: Sequence[rrb.View], name: str) -> rrb.Container:
-    plots: list[rrb.Container | rrb.View] = [*views.response]
-    if views.residuals:
-        plots.append(rrb.Horizontal(*views.residuals))
-    plots += signals
-    shares = [3.0] * len(views.response) + [2.0] * (len(plots) - len(views.response))
-    left = rrb.Vertical(*plots, row_shares=shares) if plots else None
-    pictures = [_row(row) for row in (views.loops, views.cameras) if row]
-    right = rrb.Vertical(views.text, *pictures, row_shares=[4.0] + [3.5] * len(pictures))
-    if left is None:
-        return rrb.Horizontal(*pictures, views.text, name=name) if pictures else rrb.Vertical(views.text, name=name)
-    return rrb.Horizontal(left, right, column_shares=[5.0, 4.0], name=name)
+    """Return the first page: plots on the left, the text on the right above loops and cameras."""
+    rows = [[*views.loops, *views.cameras]]
+    if not _shared_row(len(views.loops), len(views.cameras)):
+        rows = [[*views.loops], [*views.cameras]]
+    pictures = [_row(row) for row in rows if row]
+    plots = [*views.response, *views.residuals, *signals]
+    if not plots:
+        return rrb.Horizontal(*pictures, views.text, name=name)
+    shares = [1.5] * len(views.response) + [1.0] * (len(plots) - len(views.response))
+    left = rrb.Vertical(*plots, row_shares=shares)
+    right = rrb.Vertical(views.text, *pictures, row_shares=[1.25] + [1.0] * len(pictures))
+    return rrb.Horizontal(left, right, column_shares=[5.0, 4.0 if pictures or views.response else 2.5], name=name)
 
 
 def _row(views: Sequence[rrb.View]) -> rrb.Container | rrb.View:

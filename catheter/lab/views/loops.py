@@ -1,14 +1,16 @@
 """Hysteresis loops: one quantity over another, with a point that follows the cursor."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from numpy.typing import NDArray
 
 from catheter.lab.views.clocks import stamps
-from catheter.lab.views.labels import FRAME, GRID, MARK, plain, ramp, shown_unit, ticks, view_name
+from catheter.lab.views.labels import FRAME, GRID, MARK, TEXT, Colour, plain, ramp, shown_unit, ticks, view_name
 from data.signal import Array, Signal
 
 if TYPE_CHECKING:
@@ -31,8 +33,9 @@ class Axis:
     length: float
 
     @classmethod
-    def over(cls, signal: Signal, unit: str, factor: float, length: float) -> "Axis":
+    def over(cls, signal: Signal, shown: tuple[str, float], length: float) -> "Axis":
         """Return the axis that holds all of a signal's values, with a margin of 4 %."""
+        unit, factor = shown
         low, high = float(signal.value.min()) * factor, float(signal.value.max()) * factor
         margin = 0.04 * (high - low) or abs(high) or 1.0
         return cls(plain(signal.name), unit, factor, low - margin, high + margin, length)
@@ -42,70 +45,101 @@ class Axis:
         return (shown - self.low) / (self.high - self.low) * self.length
 
 
+@dataclass(frozen=True)
+class Sheet:
+    """A drawing of y over x at an entity path, on axes y.length = 1 high; a line of text is `line` high."""
+
+    stream: rr.RecordingStream
+    path: str
+    x: Axis
+    y: Axis
+    line: float
+
+    def points(self, x_si: Array, y_si: Array) -> Array:
+        """Return coordinates (n, 2) on the drawing, whose second axis points down."""
+        return np.stack([self.x.place(x_si * self.x.factor), -self.y.place(y_si * self.y.factor)], axis=-1)
+
+    def bounds(self) -> rrb.VisualBounds2D:
+        """Return what the view shows: the axes and the texts around them."""
+        x_range = (-0.15, self.x.length + 0.05)
+        return rrb.VisualBounds2D(x_range=x_range, y_range=(-1.07 - self.line, 0.06 + 2 * self.line))
+
+    def axes(self) -> None:
+        """Draw frame, grid, ticks and the names of the axes."""
+        width, at_x, at_y = self.x.length, ticks(self.x.low, self.x.high), ticks(self.y.low, self.y.high)
+        across = [np.array([(0.0, -p), (width, -p)]) for p in self.y.place(at_y)]
+        up = [np.array([(p, 0.0), (p, -1.0)]) for p in self.x.place(at_x)]
+        self._lines("grid", across + up, [GRID], 0.5, order=-2.0)
+        self._lines("frame", [np.array([(0.0, -1.0), (0.0, 0.0), (width, 0.0)])], [FRAME], 0.8)
+        places = [(p, 0.02) for p in self.x.place(at_x)]
+        places += [(-0.07, -p - 0.55 * self.line) for p in self.y.place(at_y)]  # lifted to stand beside the tick
+        places += [(width / 2, 0.02 + self.line), (0.0, -1.0 - self.line)]
+        texts = [f"{value:.6g}" for value in (*at_x, *at_y)] + [
+            f"{axis.name} [{axis.unit}]" for axis in (self.x, self.y)
+        ]
+        self._texts("ticks", places, texts, [TEXT])
+
+    def loops(self, family: "LoopFamily", points: Array) -> None:
+        """Draw at most MOST_LOOPS loops, spread evenly, coloured from the first to the last."""
+        chosen = _spread(0, len(family.loops), MOST_LOOPS)
+        strips = []
+        for loop in (family.loops[number] for number in chosen):
+            strips.append(points[np.union1d(_spread(loop.first, loop.last + 1, MOST_POINTS), [loop.peak])])
+        colours = ramp(len(strips))
+        self._lines("loops", strips, colours, 0.8)
+        if len(chosen) > 1:
+            above = -1.0 - self.line
+            places = [(0.58 * self.x.length, above), (0.9 * self.x.length, above)]
+            ends = [f"loop {chosen[0] + 1}", f"loop {chosen[-1] + 1}"]
+            self._texts("ramp", places, ends, [colours[0], colours[-1]])
+
+    def mark(self, time_s: Array, points: Array) -> None:
+        """Write the point that follows the cursor, at no more than MOST_PLACES times."""
+        kept = _spread(0, len(time_s), MOST_PLACES)
+        style = rr.Points2D.from_fields(colors=MARK, radii=rr.Radius.ui_points(5), draw_order=40)
+        self.stream.log(f"{self.path}/now", style, static=True)
+        columns = rr.Points2D.columns(positions=points[kept])
+        self.stream.send_columns(f"{self.path}/now", indexes=[stamps(time_s[kept])], columns=columns)
+
+    def _lines(
+        self, name: str, strips: list[Array], colours: Sequence[Colour], radius: float, order: float = 0.0
+    ) -> None:
+        radii = rr.Radius.ui_points(radius)
+        lines = rr.LineStrips2D(strips, colors=colours, radii=radii, draw_order=order)
+        self.stream.log(f"{self.path}/{name}", lines, static=True)
+
+    def _texts(
+        self, name: str, places: Sequence[tuple[float, float]], texts: Sequence[str], colours: Sequence[Colour]
+    ) -> None:
+        """Write texts that hang from their places, as labels of points that are too small to see."""
+        labels = rr.Points2D(places, labels=texts, show_labels=True, colors=colours, radii=1e-9)
+        self.stream.log(f"{self.path}/{name}", labels, static=True)
+
+
 def log_loops(
-    stream: rr.RecordingStream, family: "LoopFamily", sources: dict[str, Signal], kind: str, *, width: float
+    stream: rr.RecordingStream,
+    family: "LoopFamily",
+    sources: dict[str, Signal],
+    kind: str,
+    shape: tuple[float, float],
 ) -> rrb.Spatial2DView:
-    """Write a family's loops on axes of `width` by 1, and return their view.
+    """Write a family's loops and return their view.
 
-    sources: the recorded signals by name, which know what their units are worth.
+    sources: the recorded signals by name, which know what their units are worth. shape: width of
+    the drawing and height of a line of text, both in heights of the axes.
     """
-    x, y = (
-        Axis.over(signal, *shown_unit(sources[signal.name]), length)
-        for signal, length in ((family.x, width), (family.y, 1.0))
-    )
-    path = f"/loops/{plain(family.y.name)} over {plain(family.x.name)}".replace(" ", "_")
-    _log_axes(stream, path, x, y)
-    points = _points(x, y, family.x.value, family.y.value)
-    _log_loops(stream, path, family, points)
-    _log_mark(stream, path, family.x.time_s, points)
-    over = f"{x.name} [{x.unit}]"
-    return rrb.Spatial2DView(
-        name=view_name(f"loops: {y.name} [{y.unit}] over {over}", "", kind),
-        origin=path,
-        visual_bounds=rrb.VisualBounds2D(x_range=(-0.16, width + 0.06), y_range=(-1.08, 0.13)),
-    )
+    width, line = shape
+    x = Axis.over(family.x, shown_unit(sources[family.x.name]), width)
+    y = Axis.over(family.y, shown_unit(sources[family.y.name]), 1.0)
+    sheet = Sheet(stream, f"/loops/{y.name} over {x.name}".replace(" ", "_"), x, y, line)
+    points = sheet.points(family.x.value, family.y.value)
+    sheet.axes()
+    sheet.loops(family, points)
+    sheet.mark(family.x.time_s, points)
+    name = view_name(f"{y.name} over {x.name}", "", kind)
+    return rrb.Spatial2DView(name=name, origin=sheet.path, visual_bounds=sheet.bounds())
 
 
-def _points(x: Axis, y: Axis, x_si: Array, y_si: Array) -> Array:
-    """Return picture coordinates (n, 2); a picture's second axis points down."""
-    return np.stack([x.place(x_si * x.factor), -y.place(y_si * y.factor)], axis=-1)
-
-
-def _log_axes(stream: rr.RecordingStream, path: str, x: Axis, y: Axis) -> None:
-    at_x, at_y = ticks(x.low, x.high), ticks(y.low, y.high)
-    across = [[(0.0, -p), (x.length, -p)] for p in y.place(at_y)]
-    up = [[(p, 0.0), (p, -y.length)] for p in x.place(at_x)]
-    thin = rr.Radius.ui_points(0.5)
-    stream.log(f"{path}/grid", rr.LineStrips2D(across + up, colors=GRID, radii=thin, draw_order=-2), static=True)
-    frame = [[(0.0, -y.length), (0.0, 0.0), (x.length, 0.0)]]
-    stream.log(f"{path}/frame", rr.LineStrips2D(frame, colors=FRAME, radii=rr.Radius.ui_points(0.8)), static=True)
-    places = [(p, 0.035) for p in x.place(at_x)] + [(-0.07, -p) for p in y.place(at_y)]
-    texts = [f"{value:.6g}" for value in (*at_x, *at_y)]
-    labels = rr.Points2D(places, labels=texts, show_labels=True, colors=FRAME, radii=rr.Radius.ui_points(0))
-    stream.log(f"{path}/ticks", labels, static=True)
-
-
-def _log_loops(stream: rr.RecordingStream, path: str, family: "LoopFamily", points: Array) -> None:
-    """Write at most MOST_LOOPS loops, spread evenly, coloured from the first to the last."""
-    chosen = np.unique(np.linspace(0, len(family.loops) - 1, MOST_LOOPS).round().astype(int))
-    strips = []
-    for number in chosen:
-        loop = family.loops[number]
-        kept = _spread(loop.first, loop.last + 1, MOST_POINTS)
-        strips.append(points[np.union1d(kept, [loop.peak])])
-    colours = ramp(len(strips))
-    lines = rr.LineStrips2D(strips, colors=colours, radii=rr.Radius.ui_points(0.8))
-    stream.log(f"{path}/loops", lines, static=True)
-
-
-def _log_mark(stream: rr.RecordingStream, path: str, time_s: Array, points: Array) -> None:
-    kept = _spread(0, len(time_s), MOST_PLACES)
-    style = rr.Points2D.from_fields(colors=MARK, radii=rr.Radius.ui_points(5), draw_order=40)
-    stream.log(f"{path}/now", style, static=True)
-    columns = rr.Points2D.columns(positions=points[kept])
-    stream.send_columns(f"{path}/now", indexes=[stamps(time_s[kept])], columns=columns)
-
-
-def _spread(first: int, end: int, most: int) -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
-    """Return at most `most` sample numbers from first to end - 1, evenly spread, both ends kept."""
+def _spread(first: int, end: int, most: int) -> NDArray[np.int64]:
+    """Return at most `most` numbers from first to end - 1, evenly spread, both ends kept."""
     return np.unique(np.linspace(first, end - 1, min(most, end - first)).round().astype(np.int64))

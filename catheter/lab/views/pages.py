@@ -6,47 +6,46 @@ import rerun.blueprint as rrb
 
 from catheter.lab.views.columns import Candidate, Columns
 from catheter.lab.views.labels import BEST, MEASURED, MODELS, SIGNALS, plain, shown_unit, view_name
-from catheter.lab.views.plots import Line, plot
+from catheter.lab.views.plots import Line, emptiest_corner, plot
 
 if TYPE_CHECKING:
     from catheter.lab.replay import Replay
 
 
 def response_plot(replay: "Replay", columns: Columns, shown: list[Candidate]) -> rrb.TimeSeriesView:
-    """Return the plot of the measured response and the models, of which `shown` are drawn."""
+    """Return the plot of the measured response and of the models `shown`, the last on top."""
     label, kind = replay.ask.response, replay.recording.kind
-    lines = [Line(columns.signals[label], f"{plain(label)}, {kind}", MEASURED, 3.0)]
-    for candidate in shown:
-        lines.append(Line(candidate.model, candidate.fit.model.name, _colour(replay, candidate), 1.2))
-    for candidate in columns.candidates:
-        if candidate not in shown:
-            name, colour = candidate.fit.model.name, _colour(replay, candidate)
-            lines.append(Line(candidate.model, name, colour, 1.2, shown=False))
-    what = f"{plain(label)} and its models" if shown else plain(label)
-    return plot(view_name(what, shown_unit(replay.signals[label])[0], kind), lines)
+    measured = Line(columns.signals[label], f"{plain(label)}, {kind}", MEASURED, 3.0)
+    models = [Line(c.model, c.fit.model.name, _colour(replay, c), 1.3, c in few(replay, columns)) for c in shown]
+    name = view_name(f"{plain(label)} and its models", _unit(replay), kind)
+    signal = replay.signals[label]
+    return plot(name, [measured, *models], corner=emptiest_corner(signal.time_s, signal.value))
+
+
+def residuals_plot(replay: "Replay", shown: list[Candidate]) -> rrb.TimeSeriesView:
+    """Return one plot with the residuals of the models `shown`, the last on top."""
+    lines = [Line(c.residual, c.fit.model.name, _colour(replay, c), 1.3) for c in shown]
+    name = view_name("residuals, model minus measurement", _unit(replay), replay.recording.kind)
+    return plot(name, lines, legend=False)
 
 
 def residual_plots(replay: "Replay", shown: list[Candidate]) -> list[rrb.TimeSeriesView]:
     """Return a plot of the residual of each model, all over the same range, to be put side by side."""
-    unit = shown_unit(replay.signals[replay.ask.response])[0]
     reach = 1.1 * max((candidate.reach for candidate in shown), default=0.0)
     span = (-reach, reach) if reach > 0 else None
     views = []
     for candidate in shown:
-        name = view_name(f"residual, {candidate.fit.model.name}", unit, replay.recording.kind)
+        name = view_name("residual", _unit(replay), replay.recording.kind) + f", {candidate.fit.model.name}"
         line = Line(candidate.residual, candidate.fit.model.name, _colour(replay, candidate), 1.0)
         views.append(plot(name, [line], span))
     return views
 
 
 def few(replay: "Replay", columns: Columns) -> list[Candidate]:
-    """Return the models worth a first look: the best, the middle one and the first that is tried."""
-    ranked = columns.candidates
-    if not ranked:
-        return []
-    first = next(candidate for candidate in ranked if candidate.fit is replay.models[0])
-    picked = [ranked[0], ranked[len(ranked) // 2], first]
-    return [candidate for index, candidate in enumerate(picked) if candidate not in picked[:index]]
+    """Return the models worth a first look: the one tried first, and the best, which comes last."""
+    best = columns.candidates[:1]
+    first = [c for c in columns.candidates if c.fit is replay.models[0] and c not in best]
+    return first + best
 
 
 def signal_plots(replay: "Replay", columns: Columns) -> list[rrb.TimeSeriesView]:
@@ -74,6 +73,10 @@ def _signal_plot(replay: "Replay", columns: Columns, unit: str, labels: list[str
     ]
     what = plain(ordered[0]) if len(ordered) == 1 else plain(ordered[0].partition(":")[0])
     return plot(view_name(what, unit, replay.recording.kind), lines)
+
+
+def _unit(replay: "Replay") -> str:
+    return shown_unit(replay.signals[replay.ask.response])[0]
 
 
 def _colour(replay: "Replay", candidate: Candidate) -> tuple[int, int, int]:

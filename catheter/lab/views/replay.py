@@ -16,9 +16,9 @@ from catheter.lab.views.cameras import log_camera
 from catheter.lab.views.clocks import Clocks
 from catheter.lab.views.columns import Columns, collect
 from catheter.lab.views.labels import view_name
-from catheter.lab.views.layout import Views, blueprint
+from catheter.lab.views.layout import Views, blueprint, picture_shape
 from catheter.lab.views.loops import log_loops
-from catheter.lab.views.pages import few, residual_plots, response_plot, signal_plots
+from catheter.lab.views.pages import few, residual_plots, residuals_plot, response_plot, signal_plots
 from catheter.lab.views.summary import summary
 from data.errors import CannotWrite
 
@@ -37,7 +37,7 @@ def save(replay: "Replay", path: Path, *, progress: Callable[[float], None] | No
     clocks = Clocks()
     columns = collect(replay, clocks)
     # An own application for each file: the viewer keeps one blueprint for each application.
-    stream = rr.RecordingStream(f"{replay.recording.path.stem} {uuid4().hex[:8]}")
+    stream = rr.RecordingStream(f"replay-{uuid4().hex}")
     try:
         stream.save(path)
         _write(stream, replay, clocks, columns, _steps(replay, clocks, progress))
@@ -67,10 +67,10 @@ def _write(
 ) -> None:
     kind = replay.recording.kind
     clocks.send(stream, step)
-    views = Views(rrb.TextDocumentView(name=view_name("summary", "", kind), origin="/summary"))
+    views = Views(rrb.TextDocumentView(name=view_name("recording", "", kind), origin="/summary"))
     families = [family for family in replay.loops if family.loops]
-    width = 1.7 if len(families) == 1 else 0.9
-    views.loops = [log_loops(stream, family, replay.signals, kind, width=width) for family in families]
+    shape = picture_shape(len(families), len(replay.cameras))
+    views.loops = [log_loops(stream, family, replay.signals, kind, shape) for family in families]
     cameras = (log_camera(stream, replay, topic, step) for topic in replay.cameras)
     views.cameras = [view for view in cameras if view]
     _plots(replay, columns, views)
@@ -78,7 +78,7 @@ def _write(
     document = rr.TextDocument(summary(replay), media_type=rr.MediaType.MARKDOWN)
     stream.log("/summary", document, static=True)
     stream.send_recording_name(replay.title)
-    stream.send_blueprint(blueprint(views, kind))
+    stream.send_blueprint(blueprint(views, kind, replay.recording.duration_s))
     step()
 
 
@@ -87,6 +87,6 @@ def _plots(replay: "Replay", columns: Columns, views: Views) -> None:
     shown = few(replay, columns)
     if shown:
         views.response = [response_plot(replay, columns, shown)]
-        views.residuals = residual_plots(replay, shown)
-        views.every_response = [response_plot(replay, columns, columns.candidates)]
+        views.residuals = [residuals_plot(replay, shown)]
+        views.every_response = [response_plot(replay, columns, columns.candidates[::-1])]
         views.every_residual = residual_plots(replay, columns.candidates)

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from catheter.lab.display import display
 from catheter.lab.views.labels import literal, plain, shown_unit
+from catheter.lab.views.loops import MOST_LOOPS
 from data.units import UNDOCUMENTED
 
 if TYPE_CHECKING:
@@ -16,31 +17,35 @@ def summary(replay: "Replay") -> str:
     recording = replay.recording
     title = recording.metadata.get("origin", {}).get("title", recording.path.stem)
     parts = [
-        f"# {recording.kind.upper()}",
-        f"**{literal(title)}**: {literal(recording.path.name)}, {recording.duration_s:.4g} s",
+        f"## {recording.kind.upper()}: {literal(title)}",
+        f"{literal(recording.path.name)}, {recording.duration_s:.4g} s. {_question(replay)}".rstrip(),
     ]
     if recording.cut:
         parts.append(f"**This recording was {literal(recording.cut)}.**")
     if replay.models:
-        parts += _models(replay)
-    parts += _loops(replay)
+        parts.append(_models(replay))
+    areas = [_areas(replay, family) for family in replay.loops if family.loops]
+    if areas:
+        parts.append(f"**Loop areas:** {', '.join(areas)}")
     if replay.left_out:
         parts += ["**Left out**", "\n".join(f"- {literal(reason)}" for reason in replay.left_out)]
     return "\n\n".join(parts) + "\n"
 
 
-def _models(replay: "Replay") -> list[str]:
+def _question(replay: "Replay") -> str:
+    if not replay.models:
+        return ""
+    asked = " and ".join(_named(label) for label in (replay.ask.input, *replay.ask.others))
+    return f"**Models of {_named(replay.ask.response)} from {asked}**, {literal(replay.models[0].split)}:"
+
+
+def _models(replay: "Replay") -> str:
+    """Return the table of models, best first."""
     unit, factor = shown_unit(replay.signals[replay.ask.response])
-    head = ["model", "weights", "fit %", f"RMSE [{unit}]", f"held-out RMSE [{unit}]"]
-    rows = [head, ["---", *["---:"] * 4]]
+    rows = [["model", "weights", "fit %", f"RMSE [{unit}]", "held-out RMSE"], ["---", *["---:"] * 4]]
     for fit in sorted(replay.models, key=lambda fit: fit.held_out_rmse):
         rows.append(_row(fit, factor, best=fit is replay.best))
-    table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
-    asked = " and ".join(plain(label) for label in (replay.ask.input, *replay.ask.others))
-    return [
-        f"**Models of {plain(replay.ask.response)} from {asked}**, {replay.models[0].split}",
-        table,
-    ]
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
 def _row(fit: "Fit", factor: float, *, best: bool) -> list[str]:
@@ -48,23 +53,28 @@ def _row(fit: "Fit", factor: float, *, best: bool) -> list[str]:
         literal(fit.model.name),
         str(fit.parameters),
         f"{fit.fit_percent:.2f}",
-        f"{fit.rmse * factor:.3g}",
-        f"{fit.held_out_rmse * factor:.3g}",
+        _number(fit.rmse * factor),
+        _number(fit.held_out_rmse * factor),
     ]
     return [f"**{cell}**" for cell in row] if best else row
-
-
-def _loops(replay: "Replay") -> list[str]:
-    lines = [_areas(replay, family) for family in replay.loops if family.loops]
-    return ["**Loop areas** (what a cycle loses)", "\n".join(lines)] if lines else []
 
 
 def _areas(replay: "Replay", family: "LoopFamily") -> str:
     areas = [loop.area for loop in family.loops]
     unit, factor = _area_unit(replay, family)
-    span = f"{min(areas) * factor:.3g}" + (f" to {max(areas) * factor:.3g}" if len(areas) > 1 else "")
+    span = _number(min(areas) * factor) + (f" to {_number(max(areas) * factor)}" if len(areas) > 1 else "")
     count = f"{len(areas)} loops" if len(areas) > 1 else "1 loop"
-    return f"- {plain(family.y.name)} over {plain(family.x.name)}: {count}, {span} {unit}"
+    if len(areas) > MOST_LOOPS:
+        count += f", {MOST_LOOPS} drawn"
+    return f"{_named(family.y.name)} over {_named(family.x.name)}: {span} {unit} ({count})"
+
+
+def _named(label: str) -> str:
+    return literal(plain(label))
+
+
+def _number(value: float) -> str:
+    return f"{value:#.3g}".removesuffix(".")
 
 
 def _area_unit(replay: "Replay", family: "LoopFamily") -> tuple[str, float]:
