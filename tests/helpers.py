@@ -7,6 +7,14 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 SIMULATED = {"kind": "simulated", "title": "test"}
 
+# mapping -> (log, rows, what its import must say)
+REAL = {
+    "zillen": ("soft_actuators/zillen/friction_O-ring257_1bar.csv", 5827, "the first 1 row(s) dropped"),
+    "motor_rotation": ("hydraulic_rig/MotorRotation.csv", 15246, "unit undocumented, recorded as 1: /input, /speed"),
+    "starfish": ("soft_actuators/starfish/soft_starfish_3d_data_cyclic1.csv", 3516, "30 leading rows of NaN"),
+    "faster_rig": ("soft_actuators/faster_rig/faster.csv", 21275, "1882 of 21275 printed stamps do not increase"),
+}
+
 
 def catheter(*arguments: object, cwd: Path, env: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
     """Run the command line in a fresh process, from another folder."""

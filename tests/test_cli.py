@@ -2,10 +2,12 @@
 
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
-from helpers import ROOT, catheter
+from helpers import REAL, ROOT, catheter
 
 from catheter.lab import cli
 from catheter.lab.commands import SHIPPED
@@ -154,6 +156,17 @@ def test_import_then_replay_of_a_real_log(real: Path, tmp_path: Path, capsys) ->
     assert "that is extrapolation" in printed
 
 
+@pytest.mark.parametrize(("name", "log"), sorted((name, log) for name, (log, _, _) in REAL.items()))
+def test_every_real_log_replays_to_a_dashboard_that_rerun_accepts(real: Path, tmp_path: Path, name, log) -> None:
+    done = catheter("import", real / log, "--mapping", name, "--out", "run.mcap", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    done = catheter("replay", "run.mcap", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "(measured)" in done.stdout
+    rerun = Path(sys.executable).with_name("rerun")
+    subprocess.run([rerun, "rrd", "verify", tmp_path / "run.rrd"], check=True, capture_output=True, timeout=120)
+
+
 def test_a_plain_folder_named_like_a_package_does_no_harm_and_a_package_is_named(tmp_path: Path) -> None:
     (tmp_path / "data").mkdir()
     assert catheter("table", cwd=tmp_path).returncode == 0
@@ -166,9 +179,6 @@ def test_a_plain_folder_named_like_a_package_does_no_harm_and_a_package_is_named
 
 
 def test_a_reader_that_leaves_early_is_no_error(tmp_path: Path) -> None:
-    import subprocess
-    import sys
-
     command = f"{sys.executable} -m catheter table 3.5 | head -1"
     done = subprocess.run(command, shell=True, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.stdout.startswith("Table 3.5")

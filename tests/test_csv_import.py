@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import REAL
 
 from data import csv_import
 from data.csv_import import import_log
@@ -157,14 +158,6 @@ def test_a_wrong_mapping_is_refused_naming_file_and_key(tmp_path: Path, change: 
     (tmp_path / "log.csv").write_text("0,1,2\n")
     with pytest.raises(BadInput, match=found):
         import_log(tmp_path / "log.csv", load(str(tmp_path / "map.toml")), tmp_path / "out.mcap")
-
-
-REAL = {
-    "zillen": ("soft_actuators/zillen/friction_O-ring257_1bar.csv", 5827, "the first 1 row(s) dropped"),
-    "motor_rotation": ("hydraulic_rig/MotorRotation.csv", 15246, "unit undocumented, recorded as 1: /input, /speed"),
-    "starfish": ("soft_actuators/starfish/soft_starfish_3d_data_cyclic1.csv", 3516, "30 leading rows of NaN"),
-    "faster_rig": ("soft_actuators/faster_rig/faster.csv", 21275, "1882 of 21275 printed stamps do not increase"),
-}
 
 
 @pytest.mark.parametrize("name", names())
