@@ -89,6 +89,22 @@ def constant(recorder: Recorder) -> None:
     recorder.write_signals({"/force": Signal(T, 0 * T, "N"), "/stroke": Signal(T, ML, "m")})
 
 
+def rising(recorder: Recorder) -> None:
+    """An input that never falls: models, but no loops."""
+    recorder.add(topic("/force", ("force",), "N"))
+    recorder.add(topic("/stroke", ("displacement",), "m"))
+    recorder.write_signals({"/force": Signal(T, N, "N"), "/stroke": Signal(T, T / 1e3, "m")})
+
+
+def dead(recorder: Recorder) -> None:
+    """A vector with one component that never had a number, and a sensor that never had one."""
+    for name, components in (("/tip", ("x", "y")), ("/led", ("state",))):
+        recorder.add(topic(name, components, *["1"] * len(components)))
+    nan = np.full_like(T, np.nan)
+    tip = Signal(T, np.stack([T, nan], axis=-1), "1", components=("x", "y"))
+    recorder.write_signals({"/tip": tip, "/led": Signal(T, nan, "1")})
+
+
 def single(recorder: Recorder) -> None:
     recorder.add(topic("/led", ("state",), "1"))
     recorder.write_signals({"/led": Signal(T, np.sign(np.sin(T)), "1")})
@@ -113,7 +129,7 @@ def frames(recorder: Recorder, name: str, count: int, picture_format: str = "jpe
     written = []
     for number in range(count):
         image = np.full((48, 64, 3), 40, np.uint8)
-        cv2.circle(image, (10 + number % 40, 24), 6, (0, 200, 255), -1)
+        cv2.circle(image, (10 + number % 40, 24), 6, (0, 200, 255) if number == 7 else (255, 0, 0), -1)
         written.append(cv2.imencode(f".{picture_format}", image)[1].tobytes())
         recorder.write_picture(name, 0.1 * number + 0.0123456789, written[-1], picture_format)
     return written
@@ -130,7 +146,7 @@ def cameras_alone(recorder: Recorder) -> None:
     frames(recorder, "/camera/side", 3)
 
 
-ALL = [bender, gaps, undocumented, constant, single, nothing, many, cameras, cameras_alone]
+ALL = [bender, gaps, undocumented, constant, rising, dead, single, nothing, many, cameras, cameras_alone]
 
 
 def record(folder: Path, fill: Fill, origin: dict[str, str] = SIMULATED) -> Path:
@@ -257,6 +273,21 @@ def test_every_view_shows_something_that_is_there(shown: Shown, fill: Fill) -> N
         else:
             origin = view["space_origin"]
             assert any(entity == origin or entity.startswith(f"{origin}/") for entity in entities), name
+
+
+@pytest.mark.parametrize("fill", [bender, gaps, rising])
+def test_each_signal_is_drawn_and_the_response_only_with_its_models(shown: Shown, fill: Fill) -> None:
+    replay, path = shown(fill)
+    drawn = [view["components"] for view in views(path).values()]
+    assert {component for components in drawn for component in components} == set(numbers(path))
+    assert [f"Signal:{replay.ask.response}"] not in drawn
+    assert any(view["class_identifier"] == "2D" for view in views(path).values()) == (fill is not rising)
+
+
+def test_a_signal_without_numbers_has_no_plot_and_is_listed(shown: Shown) -> None:
+    path = shown(dead)[1]
+    assert [view["components"] for view in views(path).values()] == [["Signal:/tip:x"], []]  # a plot and the text
+    assert all(f"{name}: no sample" in texts(path) for name in ("/led", "/tip:y"))
 
 
 def says(path: Path, kind: str) -> bool:
@@ -465,14 +496,17 @@ def test_a_viewer_listens_to_this_machine_alone_collects_nothing_and_ends_with_i
 def test_a_session_that_is_killed_leaves_no_viewer() -> None:
     code = (
         "import time\nfrom catheter.lab.views.viewer import viewer\n"
-        "with viewer((320, 240)) as running:\n    print(running.process.pid, flush=True)\n    time.sleep(60)\n"
+        "with viewer((320, 240)) as running:\n"
+        "    print(running.process.pid, running.log.parent, flush=True)\n    time.sleep(60)\n"
     )
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, cwd=ROOT) as session:
         assert session.stdout
-        group = int(session.stdout.readline())
+        group, _, folder = session.stdout.readline().strip().partition(" ")
         session.send_signal(signals.SIGKILL)
         session.wait()
-    assert group_is_gone(group)
+    assert group_is_gone(int(group))
+    assert folder
+    assert not Path(folder).exists()
 
 
 def test_without_a_driver_the_error_names_the_packages(
@@ -506,7 +540,7 @@ def test_a_picture_shows_something_in_every_part(shown: Shown, tmp_path: Path) -
     for part in (pixels[:320, :500], pixels[:320, 500:], pixels[320:, :500], pixels[320:, 500:]):
         assert part.astype(np.float64).std() > 8  # a blank panel of the viewer has less than 3
     blue, green, red = (pixels[..., i].astype(int) for i in range(3))
-    assert np.sum((red > 230) & (abs(green - 200) < 15) & (blue < 40)) > 100  # the disc in the camera's picture
+    assert np.sum((red > 230) & (abs(green - 200) < 15) & (blue < 40)) > 100  # the disc of frame 7, at 0.71 s
 
 
 @pytest.mark.viewer

@@ -17,11 +17,11 @@ MEDIA = {"jpeg": "image/jpeg", "png": "image/png"}
 
 
 def log_camera(
-    stream: rr.RecordingStream, replay: "Replay", topic: str, step: Callable[[], None]
+    stream: rr.RecordingStream, replay: "Replay", topic: str, left_out: list[str], step: Callable[[], None]
 ) -> rrb.Spatial2DView | None:
     """Write a topic's pictures one by one, calling `step` after each, and return their view.
 
-    What the viewer cannot decode is counted in `replay.left_out`; None when nothing is left.
+    What the viewer cannot decode is counted in `left_out`; None when nothing is left to show.
     """
     path = f"/pictures{topic}"
     shown, refused = 0, 0
@@ -35,6 +35,6 @@ def log_camera(
             shown += 1
         step()
     if refused:
-        replay.left_out.append(f"{refused} pictures of {topic}: the viewer shows {' and '.join(MEDIA)} alone")
+        left_out.append(f"{refused} pictures of {topic}: the viewer shows {' and '.join(MEDIA)} alone")
     name = view_name(plain(topic), "", replay.recording.kind)
     return rrb.Spatial2DView(name=name, origin=path) if shown else None

@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING
 
+import numpy as np
 import rerun.blueprint as rrb
 
 from catheter.lab.views.columns import Candidate, Columns
@@ -48,21 +49,27 @@ def few(replay: "Replay", columns: Columns) -> list[Candidate]:
     return first + best
 
 
-def signal_plots(replay: "Replay", columns: Columns) -> list[rrb.TimeSeriesView]:
+def signal_plots(replay: "Replay", columns: Columns, left_out: list[str]) -> list[rrb.TimeSeriesView]:
     """Return one plot for each topic and unit, those that were asked for first.
 
-    The response is left out where the plot of its models shows it already.
+    Signals without a number have none, and are listed in `left_out`; nor has the response where the
+    plot of its models shows it already.
     """
+    empty = [label for label, signal in replay.signals.items() if not np.isfinite(signal.value).any()]
+    left_out += [f"{label}: no sample is a number" for label in empty]
     ask = replay.ask
     groups: dict[tuple[str, str], list[str]] = {}
     for label in (*filter(None, (ask.response, ask.input, *ask.others)), *replay.signals):
         unit = shown_unit(replay.signals[label])[0]
         members = groups.setdefault((label.partition(":")[0], unit), [])
-        if label not in members:
+        if label not in members and label not in empty:
             members.append(label)
-    if columns.candidates:
-        groups = {key: labels for key, labels in groups.items() if labels != [ask.response]}
-    return [_signal_plot(replay, columns, unit, labels) for (_, unit), labels in groups.items()]
+    shown = [ask.response] if columns.candidates else []
+    return [
+        _signal_plot(replay, columns, unit, labels)
+        for (_, unit), labels in groups.items()
+        if labels and labels != shown
+    ]
 
 
 def _signal_plot(replay: "Replay", columns: Columns, unit: str, labels: list[str]) -> rrb.TimeSeriesView:

@@ -22,8 +22,8 @@ REST = 8  # pictures in a row that are alike: a viewer's greeting stays for the 
 SAME = 1e-3  # share of pixels that two pictures of a dashboard at rest may differ in
 
 NO_DRIVER = (
-    "no picture: there is no Vulkan driver; install the Debian packages mesa-vulkan-drivers and libvulkan1, or give"
-    " the dashboard to the viewer"
+    "no picture without a Vulkan driver: install the Debian packages mesa-vulkan-drivers and libvulkan1"
+    " (the dashboard itself needs neither)"
 )
 
 
@@ -32,7 +32,7 @@ def save_picture(rrd: Path, png: Path, *, at_s: float | None = None, size: tuple
 
     at_s: seconds; by default a little past the middle. size: width and height in pixels.
     Raises BadInput when there is no dashboard, CatheterError when there is no Vulkan driver, no
-    picture within two minutes, or a view that fails, CannotWrite for the place.
+    picture in about two minutes, or a view that fails, CannotWrite for the place.
     """
     if not rrd.is_file():
         raise BadInput(rrd, "is not there", "expected a dashboard (.rrd)")

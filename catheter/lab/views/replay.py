@@ -42,6 +42,8 @@ def save(replay: "Replay", path: Path, *, progress: Callable[[float], None] | No
         stream.save(path)
         _write(stream, replay, clocks, columns, _steps(replay, clocks, progress))
         stream.flush()
+        if progress:
+            progress(1.0)
     except RuntimeError as error:  # rerun's only word for a disk that is full or a folder that is not there
         raise CannotWrite(path, f"cannot be written: {error}; free space or name another place") from error
     finally:
@@ -49,7 +51,7 @@ def save(replay: "Replay", path: Path, *, progress: Callable[[float], None] | No
 
 
 def _steps(replay: "Replay", clocks: Clocks, progress: Callable[[float], None] | None) -> Callable[[], None]:
-    """Return what is to be called after each clock, each picture, and the end."""
+    """Return what is to be called after each clock and each picture; the end is one step more."""
     total = len(clocks) + sum(replay.recording.channels[name].messages for name in replay.cameras) + 1
     done = 0
 
@@ -57,7 +59,7 @@ def _steps(replay: "Replay", clocks: Clocks, progress: Callable[[float], None] |
         nonlocal done
         done += 1
         if progress:
-            progress(min(1.0, done / total))
+            progress(done / total)
 
     return step
 
@@ -71,19 +73,19 @@ def _write(
     families = [family for family in replay.loops if family.loops]
     shape = picture_shape(len(families), len(replay.cameras))
     views.loops = [log_loops(stream, family, replay.signals, kind, shape) for family in families]
-    cameras = (log_camera(stream, replay, topic, step) for topic in replay.cameras)
+    left_out: list[str] = []
+    cameras = [log_camera(stream, replay, topic, left_out, step) for topic in replay.cameras]
     views.cameras = [view for view in cameras if view]
-    _plots(replay, columns, views)
+    views.signals = signal_plots(replay, columns, left_out)
+    _models(replay, columns, views)
     # Last, because it lists what was left out on the way.
-    document = rr.TextDocument(summary(replay), media_type=rr.MediaType.MARKDOWN)
+    document = rr.TextDocument(summary(replay, left_out), media_type=rr.MediaType.MARKDOWN)
     stream.log("/summary", document, static=True)
     stream.send_recording_name(replay.title)
     stream.send_blueprint(blueprint(views, kind, replay.recording.duration_s))
-    step()
 
 
-def _plots(replay: "Replay", columns: Columns, views: Views) -> None:
-    views.signals = signal_plots(replay, columns)
+def _models(replay: "Replay", columns: Columns, views: Views) -> None:
     shown = few(replay, columns)
     if shown:
         views.response = [response_plot(replay, columns, shown)]

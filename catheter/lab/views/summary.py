@@ -12,8 +12,11 @@ if TYPE_CHECKING:
     from sysid.fit import Fit
 
 
-def summary(replay: "Replay") -> str:
-    """Return the summary in markdown. The first word says whether the data are simulated or measured."""
+def summary(replay: "Replay", left_out: list[str]) -> str:
+    """Return the summary in markdown. Its first word says whether the data are simulated or measured.
+
+    left_out: what the views leave out, beside what the replay does.
+    """
     recording = replay.recording
     title = recording.metadata.get("origin", {}).get("title", recording.path.stem)
     parts = [
@@ -27,8 +30,9 @@ def summary(replay: "Replay") -> str:
     areas = [_areas(replay, family) for family in replay.loops if family.loops]
     if areas:
         parts.append(f"**Loop areas:** {', '.join(areas)}")
-    if replay.left_out:
-        parts += ["**Left out**", "\n".join(f"- {literal(reason)}" for reason in replay.left_out)]
+    reasons = [*replay.left_out, *left_out]
+    if reasons:
+        parts += ["**Left out**", "\n".join(f"- {literal(reason)}" for reason in reasons)]
     return "\n\n".join(parts) + "\n"
 
 

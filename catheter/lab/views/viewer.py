@@ -14,16 +14,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 # Runs beside the viewer, in one process group with it. The pipe on its input closes when we end,
-# however we end; then it kills the group, so that not even a killed session leaves a viewer.
+# however we end; then it clears up and kills the group, so that not even a killed session leaves a
+# viewer.
 GUARD = """
-import os, signal, subprocess, sys, threading
+import os, shutil, signal, subprocess, sys, threading
 
 def end():
     os.read(0, 1)
+    shutil.rmtree(sys.argv[1], ignore_errors=True)
     os.killpg(0, signal.SIGKILL)
 
 threading.Thread(target=end, daemon=True).start()
-viewer = [sys.executable, "-P", "-m", "rerun_cli", *sys.argv[1:]]
+viewer = [sys.executable, "-P", "-m", "rerun_cli", *sys.argv[2:]]
 os._exit(subprocess.call(viewer, stdin=subprocess.DEVNULL) & 255)
 """
 
@@ -62,7 +64,7 @@ def viewer(size: tuple[int, int]) -> Iterator[Viewer]:
         log = home / "log"
         with log.open("wb") as output:
             process = subprocess.Popen(
-                [sys.executable, "-I", "-c", GUARD, *arguments],
+                [sys.executable, "-I", "-c", GUARD, name, *arguments],
                 stdin=subprocess.PIPE,
                 stdout=output,
                 stderr=output,
