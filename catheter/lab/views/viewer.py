@@ -105,6 +105,7 @@ def _environment(home: Path) -> dict[str, str]:
     }
     (config / "analytics.json").write_text(json.dumps(settings), "utf-8")
     folders = {"XDG_CONFIG_HOME": str(home / "config"), "XDG_DATA_HOME": str(data), "XDG_RUNTIME_DIR": str(home)}
+    folders["TMPDIR"] = str(home)  # where it leaves folders behind when it is killed
     return os.environ | folders | {"RERUN_APP_ONLY": "true"}
 
 
