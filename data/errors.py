@@ -27,6 +27,7 @@ class CannotWrite(CatheterError):
     """An output that would overwrite something, or a place that cannot be written."""
 
     def __init__(self, path: Path | str, reason: str) -> None:
+        self.path, self.reason = Path(path), reason
         super().__init__(f"{path}: {reason}")
 
 

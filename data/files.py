@@ -64,6 +64,10 @@ def fresh(path: Path, replace: bool = False) -> Iterator[Path]:
         place(temporary, path, replace)
     except OSError as error:
         raise cannot_write(path, error) from error
+    except CannotWrite as error:
+        if error.path != temporary:
+            raise
+        raise CannotWrite(path, error.reason) from error  # the user knows the place, not our file beside it
     finally:
         with suppress(FileNotFoundError):
             temporary.unlink()

@@ -69,7 +69,9 @@ def _solve_reduced(reduced: Array, largest: Array, free: int) -> Solution:
         from scipy.optimize import nnls
 
         rest = matrix[:, free:] - left @ (left.T @ matrix[:, free:])
-        positive = nnls(rest, target, maxiter=100 * len(positive))[0]  # `rest` sees no more of it
+        # A column that the free ones do already is nothing but rounding here, and gets no weight.
+        rest[:, np.linalg.norm(rest, axis=0) < RANK_TOLERANCE] = 0.0
+        positive = nnls(rest, target - left @ (left.T @ target), maxiter=100 * len(positive))[0]
     signed = right.T @ (left.T @ (target - matrix[:, free:] @ positive) / singular)
     weights = np.concatenate([signed, positive])
     residual = float(np.linalg.norm(matrix @ weights - target))

@@ -167,6 +167,21 @@ def test_every_real_log_replays_to_a_dashboard_that_rerun_accepts(real: Path, tm
     subprocess.run([rerun, "rrd", "verify", tmp_path / "run.rrd"], check=True, capture_output=True, timeout=120)
 
 
+def test_a_full_disk_is_one_sentence_and_leaves_nothing_half_done(tmp_path: Path) -> None:
+    limit = "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000)); "
+    start = "from catheter.__main__ import main; sys.exit(main())"
+    for arguments, left in (
+        (("replay", "--out", "a.rrd"), []),
+        (("record", "bender", "--out", "b.mcap"), ["b.partial.mcap"]),  # what was recorded is kept
+    ):
+        command = [sys.executable, "-c", limit + start, *arguments]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120)
+        assert done.returncode == 2
+        assert done.stderr.startswith(f"error: {arguments[-1]}: cannot be written")
+        assert len(done.stderr.splitlines()) == 1
+        assert [path.name for path in tmp_path.iterdir()] == left
+
+
 def test_a_plain_folder_named_like_a_package_does_no_harm_and_a_package_is_named(tmp_path: Path) -> None:
     (tmp_path / "data").mkdir()
     assert catheter("table", cwd=tmp_path).returncode == 0

@@ -60,6 +60,19 @@ def test_collinear_free_columns_get_the_shortest_weights() -> None:
     assert weights == pytest.approx([1.5, 1.5, 1.0], abs=1e-12)
 
 
+@pytest.mark.parametrize("scale", [1.0, 1e-6])
+def test_a_column_that_free_ones_do_already_harms_nothing(scale: float) -> None:
+    # as a play operator whose radius is never reached: the input itself, shifted
+    x = np.linspace(0, 1, 3000) ** 2
+    wave = np.sin(9 * x)
+    columns = np.stack([np.ones_like(x), x, wave, scale * (x - 0.3), np.maximum(wave, 0)], axis=1)
+    target = 50 + 3 * x - 2 * wave + 0.5 * np.maximum(wave, 0) + 0.01 * np.cos(40 * x)
+    found = solve(columns, target, 3)
+    best = lsq_linear(columns[:, [0, 1, 2, 4]], target, bounds=([-np.inf] * 3 + [0], np.inf), method="bvls", tol=1e-14)
+    assert found.residual_norm == pytest.approx(np.sqrt(2 * best.cost), rel=1e-9)
+    assert np.abs(found.weights[[0, 1, 2, 4]]).max() < 100
+
+
 @pytest.mark.parametrize(
     ("columns", "target", "found"),
     [

@@ -1,6 +1,7 @@
 """What each command does, and how its result reads."""
 
 import argparse
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -95,6 +96,7 @@ def _ask(options: argparse.Namespace, recording: Any) -> Any:
 
 
 def _save_view(replayed: "Replay", out: Path, picture: Path | None, force: bool) -> None:
+    os.environ.setdefault("RUST_LOG", "off")  # rerun's own log lines: we say what went wrong ourselves
     from catheter.lab.views import replay as view
 
     with fresh(out, force) as temporary, progress("dashboard") as advance:
