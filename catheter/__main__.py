@@ -1,6 +1,7 @@
 """The command line: `python -m catheter`, and the `catheter` command."""
 
 import importlib.util
+import os
 import sys
 from pathlib import Path
 
@@ -30,9 +31,13 @@ def main() -> int:
     if hidden:
         print(f"error: {'; '.join(hidden)}; rename or uninstall that, or run from another folder", file=sys.stderr)
         return 2
-    from catheter.lab.cli import run
+    sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115, as long as we run
+    try:
+        from catheter.lab.cli import run
 
-    return run(sys.argv[1:])
+        return run(sys.argv[1:])
+    except KeyboardInterrupt:  # while importing, before the command line can answer
+        return 130
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from data.options import option
 from data.signal import Array
 
 ML = 1e-6
-MOST_SAMPLES = 20_000_000
+MOST_STEPS = 10_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,31 +146,43 @@ def _check(schedule: Schedule, bench: Bench, plant: Plant) -> int:
     if max(schedule.chirp_from, schedule.chirp_to) > bench.rate / 2:
         raise BadInput("[drive]", f"chirp up to {schedule.chirp_to:g} Hz", f"at most half of {bench.rate:g} Hz")
     seconds = schedule.levels * (schedule.fill + schedule.drain) + schedule.chirp
-    if not 2 <= seconds * bench.rate <= MOST_SAMPLES:
-        raise BadInput("[drive]", f"{seconds:g} s at {bench.rate:g} Hz", f"expected 2 to {MOST_SAMPLES} samples")
+    substeps = _substeps(bench)
+    if not 2 <= seconds * bench.rate * substeps <= MOST_STEPS:
+        what = f"{seconds:g} s at {bench.rate:g} Hz in {substeps} steps a sample"
+        raise BadInput("[drive]", what, f"expected at least 2 samples and at most {MOST_STEPS:g} steps")
     return int(seconds * bench.rate)
 
 
-def simulate(schedule: Schedule, bench: Bench, plant: Plant, noise: Noise, substeps: int = 12) -> Run:
-    """Return the sampled run: servo motion, the bender's force and pressure, noise, converter steps.
+def _substeps(bench: Bench) -> int:
+    """Return how many steps a sample needs: explicit steps stay below a quarter of the fastest time constant."""
+    fastest = min(bench.lag, 1 / (2 * math.pi * bench.bandwidth))
+    return max(12, math.ceil(4 / (bench.rate * fastest)))
 
-    Raises BadInput when the plant's slip limits and stiffnesses do not pair up.
-    """
+
+def _response(plant: Plant, bench: Bench, x: Array, acceleration: Array) -> tuple[Array, Array]:
+    """Return the bender's force and pressure over its volume x (mL) and d2x/dt2 (mL/s^2)."""
     from sysid.hysteresis import stop
 
-    samples = _check(schedule, bench, plant)
-    volts, volume, acceleration = np.array(list(_motion(schedule, bench, substeps, samples))).T
-    x = volume / ML
     slipping = stop(x, plant.slip_ml)
-    force = (
-        plant.cubic * x**3
-        + plant.square * x**2
-        + plant.inertia * (acceleration / ML) ** 2
-        + plant.constant
-        + slipping @ np.array(plant.stiffness)
-    )
-    full = volume / bench.stroke_volume
-    pressure = plant.full_pressure * (full + full**3) / 2 + slipping @ np.array(plant.pressure_stiffness)
+    force = plant.cubic * x**3 + plant.square * x**2 + plant.inertia * acceleration**2 + plant.constant
+    full = x * ML / bench.stroke_volume
+    pressure = plant.full_pressure * (full + full**3) / 2
+    return force + slipping @ np.array(plant.stiffness), pressure + slipping @ np.array(plant.pressure_stiffness)
+
+
+def simulate(schedule: Schedule, bench: Bench, plant: Plant, noise: Noise, substeps: int | None = None) -> Run:
+    """Return the sampled run: servo motion, the bender's force and pressure, noise, converter steps.
+
+    Raises BadInput for options that do not fit together, too many steps, or a result that is not finite.
+    """
+    samples = _check(schedule, bench, plant)
+    volts, volume, acceleration = np.fromiter(
+        _motion(schedule, bench, substeps or _substeps(bench), samples), dtype=np.dtype((float, 3)), count=samples
+    ).T
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
+        force, pressure = _response(plant, bench, volume / ML, acceleration / ML)
+    if not all(np.isfinite(clean).all() for clean in (volume, force, pressure)):
+        raise BadInput("[plant] or [bench]", "force, volume or pressure is not finite", "choose smaller values")
     draw = np.random.default_rng(noise.seed)
 
     def measured(clean: Array, deviation: float, step: float) -> Array:

@@ -12,6 +12,7 @@ from data.signal import Array
 from data.units import factor_to_si
 
 GAP_FACTOR = 5.0
+MOST_SECONDS = 1e9  # 32 years
 
 Mask = NDArray[np.bool_]
 
@@ -32,6 +33,7 @@ class ClockRepair:
     widest_s: float = 0.0
     _last_s: float = field(default=-np.inf, repr=False)
     _origin_s: float | None = field(default=None, repr=False)
+    _zero: float | None = field(default=None, repr=False)
     _usual_s: float = field(default=0.0, repr=False)
 
     def seconds(self, stamps: Array) -> tuple[Array, Mask]:
@@ -41,10 +43,15 @@ class ClockRepair:
         not agree with the mapping's period.
         """
         first, self.rows = self.rows, self.rows + len(stamps)
-        read_s = stamps * factor_to_si(self.clock.unit)
-        bad = np.flatnonzero(~np.isfinite(read_s))
+        bad = np.flatnonzero(~(np.abs(stamps) <= 2.0**53))
         if bad.size:
-            raise BadInput(self.line(first + int(bad[0])), f"time is {stamps[bad[0]]}", "every row needs a time stamp")
+            advice = "every row needs a time stamp, below 2^53 to be exact"
+            raise BadInput(self.line(first + int(bad[0])), f"time is {stamps[bad[0]]}", advice)
+        self._zero = float(stamps[0]) if self._zero is None and len(stamps) else self._zero
+        read_s = (stamps - (self._zero or 0.0)) * factor_to_si(self.clock.unit)  # before scaling: keeps every digit
+        if (np.abs(read_s) > MOST_SECONDS).any():
+            at = int(np.argmax(np.abs(read_s) > MOST_SECONDS))
+            raise BadInput(self.line(first + at), f"time {stamps[at]:.9g} is {read_s[at]:.3g} s after the first row")
         kept: Mask = np.arange(first, self.rows) >= self.clock.drop_first
         if self.clock.period is not None:
             return self._regular(read_s, kept, first, self.clock.period)
@@ -84,10 +91,10 @@ class ClockRepair:
     def _regular(self, read_s: Array, kept: Mask, first: int, period: float) -> tuple[Array, Mask]:
         """Return row number x period, after checking it against every printed stamp."""
         rows = np.arange(first, first + len(read_s))
-        self._origin_s = float(read_s[0]) if self._origin_s is None else self._origin_s
-        regular = self._origin_s + rows * period
+        regular = rows * period
         digits = self.clock.digits
-        last_digit = 10.0 ** (np.floor(np.log10(np.maximum(np.abs(read_s), 1e-300))) + 1 - digits)
+        printed = np.abs(read_s + (self._zero or 0.0) * factor_to_si(self.clock.unit))
+        last_digit = 10.0 ** (np.floor(np.log10(np.maximum(printed, 1e-300))) + 1 - digits)
         off = np.abs(read_s - regular) > 0.51 * last_digit  # half of the last digit, and its rounding
         if off.any():
             at = int(np.argmax(off))

@@ -9,22 +9,44 @@ has no summary; there everything is taken from the chunks themselves.
 import os
 import struct
 import zlib
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, ChunkIndex, Footer, McapRecord, Message, Metadata, Schema, Statistics
-from mcap.stream_reader import CRCValidationError, breakup_chunk
+from mcap.records import (
+    Channel,
+    ChunkIndex,
+    Footer,
+    Header,
+    McapRecord,
+    Message,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+)
 
+from data.chunk import HEAD, Records, records, unpack
 from data.errors import BadInput, DamagedRecording
+from data.seal import LIBRARY, unseal
 
+MOST_UNPACKED = 32 << 20  # beyond the file's own size: a chunk that claims more is taken for damage
 MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")
-_CHUNK_HEAD = struct.Struct("<QQQI")
+_FOOTER_BYTES = 20
+_PRIVATE = 0x80  # opcodes from here on are anybody's
+
+_DATA = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.ATTACHMENT}
+_DATA |= {Opcode.METADATA, Opcode.DATA_END}
+_SUMMARY = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX}
+_SUMMARY |= {Opcode.METADATA_INDEX, Opcode.SUMMARY_OFFSET, Opcode.FOOTER}
 
 
 @dataclass(frozen=True)
@@ -38,11 +60,12 @@ class Place:
 
 @dataclass(frozen=True)
 class ChunkPlace:
-    """Where a chunk stands, the stamps it holds, and the channels it has messages of."""
+    """Where a chunk stands, what its head says, and the channels it has messages of."""
 
     place: Place
     start_ns: int
     end_ns: int
+    packing: tuple[int, str] = (0, "")  # unpacked size, compression
     channels: frozenset[int] | None = None  # None: not known, it must be read
 
 
@@ -54,9 +77,13 @@ class Contents:
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    places: dict[int, str] = field(default_factory=dict)  # of the metadata, by byte
     loose: list[Place] = field(default_factory=list)  # messages outside chunks
     listed: dict[int, ChunkIndex] = field(default_factory=dict)  # what the summary says of chunks
-    counts: dict[int, int] | None = None  # messages by channel
+    listed_metadata: dict[int, str] = field(default_factory=dict)
+    statistics: Statistics | None = None
+    counts: dict[int, int] | None = None  # messages by channel, as the summary says or as they were counted
+    library: str = ""
     cut: str | None = None
 
 
@@ -67,20 +94,23 @@ def walk(file: BinaryIO, path: Path) -> Contents:
         raise BadInput(path, "is empty", "expected an MCAP recording")
     head = file.read(len(MAGIC))
     if not MAGIC.startswith(head) or not head:
-        raise BadInput(path, f"begins with {head!r}", "expected an MCAP recording; `import` reads CSV logs")
-    found = Contents()
-    complete = False
+        raise BadInput(path, f"begins with {head!r}", "expected an MCAP recording; `import` reads text logs")
+    found, complete = Contents(), False
+    allowed = {Opcode.HEADER}
     for place in _places(file, size):
         if place.offset + place.length > size:
+            _check_really_cut(file, place, size, path)
             break
+        if place.opcode not in allowed and place.opcode < _PRIVATE:
+            raise DamagedRecording(f"{path}, byte {place.offset}", f"a record of kind {place.opcode} cannot stand here")
+        allowed = _SUMMARY if place.opcode == Opcode.DATA_END else allowed if allowed is _SUMMARY else _DATA
         if place.opcode == Opcode.FOOTER:
-            _check_summary(file, place, path)
-            complete = True
+            complete = _check_footer(file, place, size, path)
             break
         _note(file, place, found, path)
-    if complete and found.listed:
+    if complete:
         _compare(found, path)
-    if not complete:
+    else:
         found.cut = f"cut off after {size} bytes: {_reach(found)}"
     if not complete or not found.channels:
         _read_all(file, found, path)
@@ -96,41 +126,92 @@ def _places(file: BinaryIO, size: int) -> Iterator[Place]:
         offset += _HEAD.size + length
 
 
+def _check_really_cut(file: BinaryIO, place: Place, size: int, path: Path) -> None:
+    """Raise DamagedRecording when a record runs over the end of a file that does have its end."""
+    file.seek(max(0, size - len(MAGIC)))
+    if file.read() == MAGIC:
+        found = f"a record claims {place.length} bytes, {size - place.offset} are left"
+        raise DamagedRecording(f"{path}, byte {place.offset}", found, "bytes were changed")
+
+
+def _check_footer(file: BinaryIO, footer: Place, size: int, path: Path) -> bool:
+    """Return whether the file ends as it should, False if cut; raise DamagedRecording otherwise."""
+    end = footer.offset + footer.length
+    file.seek(end)
+    tail = file.read(len(MAGIC) + 1)
+    if footer.length != _FOOTER_BYTES or (tail != MAGIC and not MAGIC.startswith(tail)):
+        raise DamagedRecording(f"{path}, byte {footer.offset}", "the footer is not the end of the file")
+    if tail != MAGIC:
+        return False
+    record = _record(file, footer, path)
+    assert isinstance(record, Footer)
+    if record.summary_start:
+        if not len(MAGIC) < record.summary_start < footer.offset:
+            raise DamagedRecording(path, f"the summary begins at byte {record.summary_start} of {size}")
+        file.seek(record.summary_start)
+        content = file.read(footer.offset + 16 - record.summary_start)
+        if record.summary_crc and zlib.crc32(content) != record.summary_crc:
+            raise DamagedRecording(path, "the summary at its end fails its checksum", "bytes were changed")
+    return True
+
+
 def _note(file: BinaryIO, place: Place, found: Contents, path: Path) -> None:
     """Add one record to the index; a chunk's content is not read."""
     match place.opcode:
         case Opcode.CHUNK:
-            start, end, _, _ = _CHUNK_HEAD.unpack(_bytes(file, place, _CHUNK_HEAD.size, path))
-            found.chunks.append(ChunkPlace(place, start, end))
+            found.chunks.append(_chunk_place(file, place, path))
         case Opcode.MESSAGE:
             found.loose.append(place)
-        case Opcode.SCHEMA | Opcode.CHANNEL | Opcode.METADATA | Opcode.CHUNK_INDEX | Opcode.STATISTICS:
-            _keep(_record(file, place, path), found)
+        case opcode if opcode in _READERS:
+            record = _record(file, place, path)
+            _keep(record, found, f"{path}, byte {place.offset}")
+            if isinstance(record, Metadata):
+                found.places[place.offset - _HEAD.size] = record.name
 
 
-def _keep(record: McapRecord, found: Contents) -> None:
+def _chunk_place(file: BinaryIO, place: Place, path: Path) -> ChunkPlace:
+    start, end, size, _, length = HEAD.unpack(_bytes(file, place, HEAD.size, path))
+    name = file.read(min(length, 32)).decode("latin-1")
+    return ChunkPlace(place, start, end, (size, name))
+
+
+def _keep(record: McapRecord, found: Contents, place: str) -> None:
     match record:
+        case Header():
+            found.library = record.library
         case Schema():
             found.schemas[record.id] = record
         case Channel():
             found.channels[record.id] = record
         case Metadata():
-            found.metadata[record.name] = dict(record.metadata)
+            found.metadata[record.name] = unseal(record.name, dict(record.metadata), found.library == LIBRARY, place)
         case ChunkIndex():
             found.listed[record.chunk_start_offset + _HEAD.size] = record
+        case MetadataIndex():
+            found.listed_metadata[record.offset] = record.name
         case Statistics():
-            found.counts = dict(record.channel_message_counts)
+            found.statistics, found.counts = record, dict(record.channel_message_counts)
 
 
 def _compare(found: Contents, path: Path) -> None:
-    """Check the chunks against the summary's list, and take their channels from it."""
+    """Check what was walked against the summary, and take the chunks' channels from it."""
+    counted = found.statistics
+    if counted and (counted.chunk_count, counted.metadata_count) != (len(found.chunks), len(found.places)):
+        what = f"{len(found.chunks)} chunks and {len(found.places)} metadata records"
+        listed = f"the summary lists {counted.chunk_count} and {counted.metadata_count}"
+        raise DamagedRecording(path, f"holds {what}", listed)
+    if found.listed_metadata and found.listed_metadata != found.places:
+        raise DamagedRecording(path, "its metadata are not those its summary lists", "bytes were changed")
+    if not found.listed:
+        return
     walked = {chunk.place.offset: chunk for chunk in found.chunks}
     for offset in walked.keys() | found.listed.keys():
-        chunk, listed = walked.get(offset), found.listed.get(offset)
-        if chunk is None or listed is None:
-            raise DamagedRecording(path, f"chunk at byte {offset} stands in the {'summary' if listed else 'file'} only")
-        if (chunk.start_ns, chunk.end_ns) != (listed.message_start_time, listed.message_end_time):
-            raise DamagedRecording(path, f"chunk at byte {offset} has other times than the summary lists")
+        chunk, index = walked.get(offset), found.listed.get(offset)
+        if chunk is None or index is None:
+            raise DamagedRecording(path, f"chunk at byte {offset} stands in the {'summary' if index else 'file'} only")
+        head = (index.message_start_time, index.message_end_time, (index.uncompressed_size, index.compression))
+        if (chunk.start_ns, chunk.end_ns, chunk.packing) != head:
+            raise DamagedRecording(path, f"the head of the chunk at byte {offset} is not as its summary lists it")
     found.chunks = [
         replace(chunk, channels=frozenset(offsets) if (offsets := found.listed[at].message_index_offsets) else None)
         for at, chunk in walked.items()
@@ -139,43 +220,29 @@ def _compare(found: Contents, path: Path) -> None:
 
 def _read_all(file: BinaryIO, found: Contents, path: Path) -> None:
     """Take channels, times and counts from the chunks' own content, as there is no summary to ask."""
-    counts: dict[int, int] = {}
+    counts: dict[int, int] = defaultdict(int)
     for index, chunk in enumerate(found.chunks):
-        records = chunk_records(file, chunk, path)
-        stamps = [record.log_time for record in records if isinstance(record, Message)]
-        held = [record.channel_id for record in records if isinstance(record, Message)]
-        for record in records:
-            _keep(record, found)
-        for number in held:
-            counts[number] = counts.get(number, 0) + 1
-        times = (min(stamps), max(stamps)) if stamps else (0, 0)
-        found.chunks[index] = ChunkPlace(chunk.place, *times, frozenset(held))
-    for place in found.loose:
-        number = loose_message(file, place, path).channel_id
-        counts[number] = counts.get(number, 0) + 1
-    found.counts = counts
+        inside = chunk_records(file, chunk, path)
+        for opcode, content in inside.others:
+            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                place = f"{path}, chunk at byte {chunk.place.offset}"
+                _keep(_parse(opcode, content, place), found, place)
+        stamps = inside.messages.stamp_ns
+        held, numbers = np.unique(inside.messages.channel, return_counts=True)
+        for channel, number in zip(held.tolist(), numbers.tolist(), strict=True):
+            counts[channel] += number
+        times = (int(stamps.min()), int(stamps.max())) if len(stamps) else (0, 0)
+        found.chunks[index] = ChunkPlace(chunk.place, *times, channels=frozenset(held.tolist()))
+    for loose in found.loose:
+        counts[loose_message(file, loose, path).channel_id] += 1
+    found.counts = dict(counts)
 
 
-def chunk_records(file: BinaryIO, chunk: ChunkPlace, path: Path) -> list[McapRecord]:
+def chunk_records(file: BinaryIO, chunk: ChunkPlace, path: Path) -> Records:
     """Return a chunk's records, its checksum verified. Raises DamagedRecording naming the chunk."""
     place = f"{path}, chunk at byte {chunk.place.offset} (t = {chunk.start_ns / 1e9:.3f} to {chunk.end_ns / 1e9:.3f} s)"
-    record = _record(file, chunk.place, path)
-    if not isinstance(record, Chunk):
-        raise DamagedRecording(place, "is no chunk")
-    if record.uncompressed_size > 1 << 31:
-        raise DamagedRecording(place, f"claims to unpack to {record.uncompressed_size} bytes")
-    try:
-        return list(breakup_chunk(record, validate_crc=True))
-    except CRCValidationError as error:
-        raise DamagedRecording(
-            place, f"checksum is {error.actual:08x}, should be {error.expected:08x}", "bytes were changed"
-        ) from error
-    except (McapError, ValueError, RuntimeError, OSError, struct.error, EOFError) as error:
-        raise DamagedRecording(place, f"cannot be unpacked: {error}", "bytes were changed") from error
-    except Exception as error:
-        if type(error).__name__ == "ZstdError":  # its class stands in a package only the decoder needs
-            raise DamagedRecording(place, f"cannot be unpacked: {error}", "bytes were changed") from error
-        raise
+    content = _bytes(file, chunk.place, chunk.place.length, path)
+    return records(unpack(content, place, os.fstat(file.fileno()).st_size + MOST_UNPACKED), place)
 
 
 def loose_message(file: BinaryIO, place: Place, path: Path) -> Message:
@@ -187,10 +254,11 @@ def loose_message(file: BinaryIO, place: Place, path: Path) -> Message:
 
 
 _READERS = {
+    Opcode.HEADER: lambda stream, _: Header.read(stream),
     Opcode.SCHEMA: lambda stream, _: Schema.read(stream),
     Opcode.CHANNEL: lambda stream, _: Channel.read(stream),
     Opcode.METADATA: lambda stream, _: Metadata.read(stream),
-    Opcode.CHUNK: lambda stream, _: Chunk.read(stream),
+    Opcode.METADATA_INDEX: lambda stream, _: MetadataIndex.read(stream),
     Opcode.CHUNK_INDEX: lambda stream, _: ChunkIndex.read(stream),
     Opcode.STATISTICS: lambda stream, _: Statistics.read(stream),
     Opcode.FOOTER: lambda stream, _: Footer.read(stream),
@@ -199,15 +267,14 @@ _READERS = {
 
 
 def _record(file: BinaryIO, place: Place, path: Path) -> McapRecord:
-    from io import BytesIO
+    return _parse(place.opcode, _bytes(file, place, place.length, path), f"{path}, byte {place.offset}")
 
-    content = _bytes(file, place, place.length, path)
+
+def _parse(opcode: int, content: bytes, place: str) -> McapRecord:
     try:
-        record: McapRecord = _READERS[Opcode(place.opcode)](ReadDataStream(BytesIO(content)), place.length)
-    except (McapError, ValueError, struct.error, EOFError) as error:
-        raise DamagedRecording(
-            f"{path}, byte {place.offset}", f"record cannot be read ({type(error).__name__})"
-        ) from error
+        record: McapRecord = _READERS[Opcode(opcode)](ReadDataStream(BytesIO(content)), len(content))
+    except (McapError, ValueError, OverflowError, MemoryError, struct.error, EOFError) as error:
+        raise DamagedRecording(place, f"record cannot be read ({type(error).__name__})") from error
     return record
 
 
@@ -217,16 +284,6 @@ def _bytes(file: BinaryIO, place: Place, length: int, path: Path) -> bytes:
     if len(content) < length:
         raise DamagedRecording(f"{path}, byte {place.offset}", f"record has {len(content)} bytes, not {length}")
     return content
-
-
-def _check_summary(file: BinaryIO, footer: Place, path: Path) -> None:
-    record = _record(file, footer, path)
-    if not isinstance(record, Footer) or not record.summary_crc or not record.summary_start:
-        return
-    file.seek(record.summary_start)
-    content = file.read(max(0, footer.offset + 16 - record.summary_start))
-    if zlib.crc32(content) != record.summary_crc:
-        raise DamagedRecording(path, "the summary at its end fails its checksum", "bytes were changed")
 
 
 def _reach(found: Contents) -> str:

@@ -1,10 +1,13 @@
 """A laboratory's text log becomes a recording; every repair is written down, none is guessed."""
 
 import itertools
+import json
 import os
+import re
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TextIO
 
@@ -13,12 +16,15 @@ from numpy.typing import NDArray
 
 from data.clock import ClockRepair, Mask
 from data.errors import BadInput
+from data.files import check_inputs, open_regular
 from data.mapping import SEPARATORS, Column, Mapping
 from data.recorder import Recorder
 from data.signal import Array, Signal
 from data.units import UNDOCUMENTED, factor_to_si
 
 BLOCK_ROWS = 1 << 16
+MOST_LINE = 1 << 18
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE | re.ASCII)
 
 Progress = Callable[[float], None]
 
@@ -49,8 +55,9 @@ def import_log(
     """
     state = _Log(log, mapping)
     clock = ClockRepair(mapping.clock, state.line)
-    origin = {"kind": "measured", **{k: v for k, v in vars(mapping.source).items() if v}, "file": log.name}
-    with _open(log) as file:
+    origin = {"kind": "measured", **{k: v for k, v in vars(mapping.source).items() if v}, "file": ascii(log.name)[1:-1]}
+    check_inputs(out, log)
+    with TextIOWrapper(open_regular(log), encoding="utf-8-sig") as file:
         size = max(1, os.fstat(file.fileno()).st_size)
         columns = _header(file, state)
         blocks = _blocks(file, columns, state)
@@ -65,17 +72,18 @@ def import_log(
                 recorder.write_signals(_signals(block, state, clock))
                 if progress:
                     progress(file.buffer.tell() / size)
+            _check_not_empty(state)
             repairs = _repairs(state, clock)
             listed = {f"repair.{i}": text for i, text in enumerate(repairs, start=1)}
             recorder.note("import", {"mapping": mapping.text, **listed})
     return repairs
 
 
-def _open(path: Path) -> TextIO:
-    try:
-        return path.open(encoding="utf-8-sig", newline=None)
-    except OSError as error:
-        raise BadInput(path, f"cannot be read: {error.strerror}", "name a text log") from error
+def _check_not_empty(state: _Log) -> None:
+    for topic in state.mapping.topics:
+        if topic.topic not in state.begun:
+            what = f"{topic.topic} has no sample: every row was dropped or is NaN"
+            raise BadInput(state.path, what, "see [clock] drop_first and the topic's nan")
 
 
 def _header(file: TextIO, state: _Log) -> tuple[str, ...]:
@@ -99,7 +107,10 @@ def _separator(state: _Log) -> str | None:
 
 def _lines(file: TextIO, state: _Log) -> Iterator[str]:
     try:
-        yield from iter(file.readline, "")
+        for number, line in enumerate(iter(lambda: file.readline(MOST_LINE), ""), start=1):
+            if len(line) == MOST_LINE:
+                raise BadInput(f"{state.path}, line {number}", f"is longer than {MOST_LINE} characters", "a text log?")
+            yield line
     except UnicodeDecodeError as error:
         raise BadInput(state.path, f"is not UTF-8 text: {error.reason} near byte {error.start}") from error
 
@@ -136,9 +147,7 @@ def _bad_cell(rows: list[str], indices: list[int], state: _Log) -> BadInput:
     for number, row in enumerate(rows):
         cells = row.rstrip("\n").split(_separator(state))
         for index in indices:
-            try:
-                float(cells[index])
-            except ValueError:
+            if not NUMBER.fullmatch(cells[index].strip()):
                 name = state.mapping.format.columns[index]
                 return BadInput(
                     f"{state.line(state.row + number)}, column {name!r}", f"{cells[index]!r:.60} is not a number"
@@ -190,9 +199,13 @@ def _repairs(state: _Log, clock: ClockRepair) -> list[str]:
 def _scene_text(mapping: Mapping) -> str:
     """Return the scene that a replay of the recording will read: the mapping's questions."""
     ask = mapping.ask
-    others = ", ".join(f'"{name}"' for name in ask.others)
-    title = mapping.source.title.replace("\\", "/").replace('"', "'")
     return (
-        f'[scene]\nkind = "recording"\ntitle = "{title}"\n\n'
-        f'[ask]\nresponse = "{ask.response}"\ninput = "{ask.input}"\nothers = [{others}]\nsplit = "{ask.split}"\n'
+        f'[scene]\nkind = "recording"\ntitle = {_quoted(mapping.source.title)}\n\n'
+        f"[ask]\nresponse = {_quoted(ask.response)}\ninput = {_quoted(ask.input)}\n"
+        f"others = [{', '.join(map(_quoted, ask.others))}]\nsplit = {_quoted(ask.split)}\n"
     )
+
+
+def _quoted(text: str) -> str:
+    """Return a TOML string: JSON's escapes are TOML's, but for the one control character JSON leaves."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

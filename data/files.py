@@ -4,12 +4,32 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 
-from data.errors import CannotWrite
+from data.errors import BadInput, CannotWrite
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """Open a file for reading. Raises BadInput when it is none: a pipe or a device may never end."""
+    try:
+        if path.exists() and not path.is_file():
+            raise BadInput(path, "is no regular file", "name a file")
+        return path.open("rb")
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        raise BadInput(path, f"cannot be read: {getattr(error, 'strerror', error)}", "name a file") from error
+
+
+def check_inputs(output: Path, *inputs: Path) -> None:
+    """Raise CannotWrite when an output is one of the inputs, whatever the user forces."""
+    for path in inputs:
+        if output.exists() and path.exists() and output.samefile(path):
+            raise CannotWrite(output, "is an input of the same command and is never overwritten; name another file")
 
 
 def check_free(path: Path, replace: bool = False) -> None:
     """Raise CannotWrite when `path` exists (unless `replace`) or its folder is not there."""
+    if path.is_symlink() and not path.exists():
+        raise CannotWrite(path, "is a link to nothing; name another file")
     if path.is_dir():
         raise CannotWrite(path, "is a folder; name a file")
     if path.exists() and not replace:

@@ -73,10 +73,11 @@ class Column:
         listed = standard(self.topic)
         names = self.components or (listed.components[: len(self.columns)] if listed else self.columns)
         unit = "1" if self.unit == UNDOCUMENTED else si_unit(self.unit)
-        if len(names) != len(self.columns):
+        if not self.columns or len(names) != len(self.columns):
             raise BadInput(self.topic, f"{len(self.columns)} columns for components {names}", "name as many")
-        if listed and unit not in ("1", *listed.units):
-            raise BadInput(self.topic, f"unit {self.unit!r}", f"the topic is in {listed.units[0]}")
+        expected = {listed.units[listed.components.index(n)] for n in names if listed and n in listed.components}
+        if self.unit != UNDOCUMENTED and expected and expected != {unit}:
+            raise BadInput(self.topic, f"unit {self.unit!r}", f"the topic is in {', '.join(sorted(expected))}")
         note = "; ".join(filter(None, (UNDOCUMENTED if self.unit == UNDOCUMENTED else "", self.note)))
         return Topic(
             name=self.topic,
@@ -133,9 +134,25 @@ def load(name: str) -> Mapping:
         ask=read(Ask, tables.get("ask", {}), f"{path}, [ask]"),
         text=text,
     )
+    _check(found, path)
+    return found
+
+
+def _check(found: Mapping, path: Path) -> None:
+    """Refuse what the tables say together: names that repeat or are nowhere, a clock that is no time."""
+    for what, listed in (("column", found.format.columns), ("topic", tuple(topic.topic for topic in found.topics))):
+        twice = next((name for name in listed if listed.count(name) > 1), None)
+        if twice is not None:
+            raise BadInput(f"{path}, {what} {twice!r}", "stands twice", f"each {what} needs a name of its own")
+    if si_unit(found.clock.unit) != "s":
+        raise BadInput(f"{path}, [clock] unit", f"is {found.clock.unit!r}", "expected a unit of time")
+    for topic in found.topics:
+        try:
+            topic.described()
+        except BadInput as error:
+            raise BadInput(f"{path}, [[topic]] {topic.topic}", str(error)) from error
     for column in (found.clock.column, *(c for topic in found.topics for c in topic.columns)):
         if column not in found.format.columns:
             raise BadInput(
                 f"{path}, column {column!r}", "is not in [format] columns", nearest(column, found.format.columns)
             )
-    return found

@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from data.chunk import Messages
 from data.errors import DamagedRecording
 from data.signal import Array
 
@@ -38,22 +39,25 @@ def encode(values: Array) -> NDArray[np.void]:
     return messages
 
 
-def decode(messages: list[bytes], size: int, place: str) -> Array:
+def decode(messages: Messages, size: int, place: str) -> Array:
     """Return (n, k) values from n messages of k = `size` doubles.
 
     Raises DamagedRecording when a message is not laid out as its topic says.
     """
-    kind = layout(size)
-    wrong = next((i for i, message in enumerate(messages) if len(message) != kind.itemsize), None)
-    if wrong is not None:
-        found = f"message {wrong} has {len(messages[wrong])} bytes"
-        raise DamagedRecording(place, found, f"expected {kind.itemsize} ({size} optional doubles)")
-    table = np.frombuffer(b"".join(messages), kind)
-    values = np.empty((len(table), size))
-    for number in range(1, size + 1):
-        if (table[f"tag{number}"] != np.frombuffer(_tag(number), np.uint8)).any():
-            raise DamagedRecording(place, f"field {number} is not an optional double")
-        values[:, number - 1] = table[f"value{number}"]
+    from data.walk import gather
+
+    length = layout(size).itemsize
+    wrong = np.flatnonzero(messages.length != length)
+    if wrong.size:
+        found = f"message {wrong[0]} has {messages.length[wrong[0]]} bytes"
+        raise DamagedRecording(place, found, f"expected {length} ({size} optional doubles)")
+    tags = [_tag(number) for number in range(1, size + 1)]
+    values = np.empty((len(messages), size), "<f8")
+    widths = np.array([len(tag) for tag in tags], np.int64)
+    tagged = np.frombuffer(b"".join(tags), np.uint8)
+    bad = gather(messages.buffer, messages.offset, tagged, widths, values.reshape(-1).view(np.uint8))
+    if bad >= 0:
+        raise DamagedRecording(place, f"message {bad} is not made of optional doubles")
     return values
 
 

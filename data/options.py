@@ -10,7 +10,11 @@ from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from data.errors import BadInput
+from data.files import open_regular
 from data.units import quantity
+
+MOST_TOML = 1 << 20
+MOST_INTEGER = 1 << 53  # beyond it a float cannot hold it
 
 T = TypeVar("T")
 
@@ -34,13 +38,23 @@ def option(
 
 def load_toml(path: Path) -> tuple[dict[str, Any], str]:
     """Return a TOML file's tables and its text. Raises BadInput naming the file, and the line of a fault."""
+    with open_regular(path) as file:
+        content = file.read(MOST_TOML + 1)
+    if len(content) > MOST_TOML:
+        raise BadInput(path, f"is longer than {MOST_TOML} bytes", "name a TOML file")
     try:
-        text = path.read_text(encoding="utf-8")
-        return tomllib.loads(text), text
-    except OSError as error:
-        raise BadInput(path, f"cannot be read: {error.strerror}", "name a TOML file") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError as error:
         raise BadInput(path, f"is not TOML: {error}") from error
+    return parse_toml(text, str(path)), text
+
+
+def parse_toml(text: str, place: str) -> dict[str, Any]:
+    """Return the tables of a TOML text. Raises BadInput naming `place` and the line of a fault."""
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # ValueError: TOML's own errors, and numbers of 5000 digits
+        raise BadInput(place, f"is not TOML: {str(error)[:200]}") from error
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
@@ -81,6 +95,8 @@ def _convert(value: object, hint: Any, metadata: Mapping[str, Any], place: str) 
         return tuple(_convert(v, get_args(hint)[0], metadata, f"{place}[{i}]") for i, v in enumerate(value))
     if hint is float and metadata.get("unit"):
         value = quantity(value, metadata["unit"], place)
+    elif isinstance(value, int) and abs(value) > MOST_INTEGER:
+        raise BadInput(place, f"is an integer of {len(hex(value)) * 4} bits", f"expected at most {MOST_INTEGER}")
     elif hint is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     if type(value) is not hint:

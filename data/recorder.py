@@ -12,11 +12,12 @@ from numpy.typing import ArrayLike
 from data import message
 from data.errors import BadInput, CatheterError
 from data.files import cannot_write, check_free, place, unused
+from data.seal import LIBRARY, seal
 from data.signal import Array, Signal
 from data.topics import Topic
 
 CHUNK_BYTES = 1 << 20
-LIBRARY = "catheter-robot-toolkit"
+RESERVED = ("origin", "scene", "truth")
 
 
 class Recorder:
@@ -51,8 +52,11 @@ class Recorder:
         flush_s: float | None = 1.0,
         replace: bool = False,
     ) -> None:
+        if not isinstance(start_ns, int) or not 0 <= start_ns < 1 << 62:
+            raise BadInput("start_ns", f"is {start_ns!r}", "expected whole nanoseconds since 1970")
         self.path = Path(path)
         self.partial = self.path
+        self._written = 0
         self._records = _metadata(origin, scene, truth)
         self._start_ns, self._flush_s, self._replace = start_ns, flush_s, replace
         self._topics: dict[str, tuple[Topic, int]] = {}
@@ -75,9 +79,10 @@ class Recorder:
             )
             self._writer.start(library=LIBRARY)
             for name, fields in self._records.items():
-                self._writer.add_metadata(name, dict(fields))
+                self._writer.add_metadata(name, seal(name, dict(fields)))
             self._writer.flush()
         except OSError as error:
+            self.partial.unlink(missing_ok=True)
             raise cannot_write(self.path, error) from error
         self._stop.clear()
         if self._flush_s is not None:
@@ -90,10 +95,16 @@ class Recorder:
         self._stop.set()
         with self._lock:
             try:
+                if error is not None and not self._written:
+                    self._close_quietly()
+                    self.partial.unlink(missing_ok=True)  # it holds nothing that could be lost
+                    return
                 self._writer.finish()
                 self._file.close()
             except OSError as failure:
                 self._close_quietly()
+                if not self._written or not self.partial.stat().st_size:
+                    self.partial.unlink(missing_ok=True)
                 raise cannot_write(self.path, failure) from failure
         if error is None:
             place(self.partial, self.path, self._replace)
@@ -117,16 +128,23 @@ class Recorder:
     def note(self, name: str, fields: Mapping[str, str]) -> None:
         """Write a metadata record, at any time before the end."""
         self._check_open()
+        if name in RESERVED:
+            raise BadInput(f"metadata {name!r}", "is written by the recorder itself", "choose another name")
+        _check_texts(name, fields)
         try:
             with self._lock:
-                self._writer.add_metadata(name, dict(fields))
+                self._writer.add_metadata(name, seal(name, dict(fields)))
         except OSError as error:
             raise cannot_write(self.path, error) from error
 
     def write(self, name: str, time_s: float, values: ArrayLike) -> None:
         """Write one message: `values` holds a number for each component, in SI."""
-        row = np.atleast_2d(np.asarray(values, dtype=np.float64))
-        self._write_rows([(name, np.array([time_s], dtype=np.float64), row)])
+        try:
+            row = np.atleast_2d(np.asarray(values, dtype=np.float64))
+            time = np.array([time_s], dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise BadInput(name, f"{values!r:.40} at {time_s!r:.40}: {error}", "expected numbers") from error
+        self._write_rows([(name, time, row)])
 
     def write_signals(self, signals: Mapping[str, Signal]) -> None:
         """Write whole signals (or blocks of them), topic -> signal, merged by time."""
@@ -191,6 +209,7 @@ class Recorder:
         try:
             with self._lock:
                 for stamp, channel, data in messages:
+                    self._written += 1
                     self._writer.add_message(channel, log_time=stamp, data=data, publish_time=stamp)
         except OSError as error:
             raise cannot_write(self.path, error) from error
@@ -222,9 +241,25 @@ def _metadata(
         raise BadInput("origin, kind", f"is {kind!r}", "expected 'simulated' or 'measured'")
     if truth and kind == "measured":
         raise BadInput("truth", "given for a measured recording", "only a simulation knows its truth")
+    _check_texts("origin", origin)
+    _check_texts("truth", truth or {})
     found: dict[str, Mapping[str, str]] = {"origin": origin}
     if scene:
         found["scene"] = {"toml": scene}
     if truth:
         found["truth"] = truth
     return found
+
+
+def _check_texts(name: str, fields: Mapping[str, str]) -> None:
+    for key, value in fields.items():
+        if not (isinstance(key, str) and isinstance(value, str)) or not _is_unicode(key + value):
+            raise BadInput(f"metadata {name}, {key!r:.40}", f"is {value!r:.60}", "expected text")
+
+
+def _is_unicode(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:  # half a surrogate pair, as in a file name that is not UTF-8
+        return False
+    return True

@@ -8,10 +8,12 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from mcap.records import Message
+from numpy.typing import NDArray
 
 from data import container, message
-from data.errors import BadInput, RecordingCut
+from data.chunk import Messages
+from data.errors import BadInput, DamagedRecording, RecordingCut
+from data.files import open_regular
 from data.signal import Array, Signal, check_increasing
 from data.topics import CAMERA_SCHEMA, Topic, from_metadata
 
@@ -55,10 +57,7 @@ class Recording:
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
-        try:
-            self._file = self.path.open("rb")
-        except OSError as error:
-            raise BadInput(self.path, f"cannot be read: {error.strerror}", "name a recording") from error
+        self._file = open_regular(self.path)
         try:
             self._contents = container.walk(self._file, self.path)
             self.channels = self._describe()
@@ -142,28 +141,32 @@ class Recording:
         columns, unit, channel = self._columns(topic, component)
         place = f"{self.path}, {topic}"
         base = Signal(np.empty(0), np.empty(0), unit, channel.topic.frame, (), channel.topic.note, topic)
-        last_s = -np.inf
-        for stamps, data in self._messages(channel, start_s, end_s):
-            values = message.decode(data, len(channel.topic.components), place)[:, columns]
-            time_s = self._seconds(stamps)
+        last_s, total = -np.inf, 0
+        for messages in self._messages(channel, start_s, end_s):
+            values = message.decode(messages, len(channel.topic.components), place)[:, columns]
+            time_s = self._seconds(messages.stamp_ns)
+            check_increasing(time_s, place)
             if time_s[0] <= last_s:
                 check_increasing(np.array([last_s, time_s[0]]), place)
-            last_s = time_s[-1]
+            last_s, total = time_s[-1], total + len(time_s)
             names = tuple(channel.topic.components[i] for i in columns)
-            if len(columns) == 1:
-                yield replace(base, time_s=time_s, value=values[:, 0])
-            else:
-                yield replace(base, time_s=time_s, value=values, components=names)
+            single = len(columns) == 1
+            value = values[:, 0] if single else values
+            yield replace(base, time_s=time_s, value=value, components=() if single else names)
+        whole = start_s is None and end_s is None and self._contents.counts is not None
+        if whole and total != channel.messages:
+            raise DamagedRecording(place, f"holds {total} messages", f"its summary counts {channel.messages}")
 
     def pictures(self, topic: str, *, start_s: float | None = None, end_s: float | None = None) -> Iterator[Picture]:
         """Yield a camera topic's pictures one by one, still encoded."""
         channel = self._channel(topic)
         if not channel.topic.is_camera:
             raise BadInput(f"{self.path}, {topic}", "is no camera", f"it holds {channel.topic.components}")
-        for stamps, data in self._messages(channel, start_s, end_s):
-            for time_s, content in zip(self._seconds(stamps), data, strict=True):
-                picture, kind = message.decode_picture(content, f"{self.path}, {topic} at t = {time_s:.3f} s")
-                yield Picture(float(time_s), kind, picture)
+        for messages in self._messages(channel, start_s, end_s):
+            for index, time_s in enumerate(self._seconds(messages.stamp_ns).tolist()):
+                place = f"{self.path}, {topic} at t = {time_s:.3f} s"
+                picture, kind = message.decode_picture(messages.content(index), place)
+                yield Picture(time_s, kind, picture)
 
     def to_frame(self, topics: Sequence[str] | None = None) -> "pd.DataFrame":
         """Return topics as a pandas DataFrame: index time_s, columns such as '/force [N]'.
@@ -223,28 +226,33 @@ class Recording:
             raise BadInput(f"{self.path}, {topic}", f"components are in {units}", f"name one of {names}")
         return columns, units[columns[0]], channel
 
-    def _messages(
-        self, channel: Channel, start_s: float | None, end_s: float | None
-    ) -> Iterator[tuple[list[int], list[bytes]]]:
-        """Yield (stamps, messages) of a channel, chunk by chunk, in the order of the file."""
-        start = -np.inf if start_s is None else self.start_ns + start_s * 1e9
-        end = np.inf if end_s is None else self.start_ns + end_s * 1e9
-        for records in self._groups(channel, start, end):
-            kept = [m for m in records if m.channel_id in channel.ids and start <= m.log_time < end]
-            if kept:
-                yield [m.log_time for m in kept], [m.data for m in kept]
+    def _messages(self, channel: Channel, start_s: float | None, end_s: float | None) -> Iterator[Messages]:
+        """Yield a channel's messages chunk by chunk, in the order of the file."""
+        start = self._nanoseconds(start_s, 0)
+        end = self._nanoseconds(end_s, 1 << 63)
+        for messages in self._groups(channel, start, end):
+            inside = (messages.stamp_ns >= start) & (messages.stamp_ns.astype(np.uint64) < end)
+            kept = np.isin(messages.channel, channel.ids) & inside
+            if kept.any():
+                yield messages.only(kept)
 
-    def _groups(self, channel: Channel, start: float, end: float) -> Iterator[list[Message]]:
+    def _groups(self, channel: Channel, start: int, end: int) -> Iterator[Messages]:
         for chunk in self._contents.chunks:
             wanted = chunk.channels is None or not chunk.channels.isdisjoint(channel.ids)
             if wanted and chunk.end_ns >= start and chunk.start_ns < end:
-                records = container.chunk_records(self._file, chunk, self.path)
-                yield [record for record in records if isinstance(record, Message)]
-        if self._contents.loose:
-            yield [container.loose_message(self._file, place, self.path) for place in self._contents.loose]
+                yield container.chunk_records(self._file, chunk, self.path).messages
+        for place in self._contents.loose:
+            one = container.loose_message(self._file, place, self.path)
+            yield Messages.of_one(one.channel_id, one.log_time, one.data)
 
-    def _seconds(self, stamps: list[int]) -> Array:
-        return np.asarray((np.array(stamps, np.int64) - self.start_ns) / 1e9)
+    def _nanoseconds(self, time_s: float | None, otherwise: int) -> int:
+        """Return the stamp of a time: the one that a sample at that time was rounded to."""
+        if time_s is None or not abs(time_s) < 9e9:  # 285 years
+            return otherwise if time_s is None or time_s > 0 else 0
+        return self.start_ns + round(time_s * 1e9)
+
+    def _seconds(self, stamps_ns: NDArray[np.int64]) -> Array:
+        return np.asarray((stamps_ns - self.start_ns) / 1e9)
 
 
 def _readable(channel: Any, schema: Any) -> tuple[Topic, str]:

@@ -86,6 +86,10 @@ def quantity(text: object, unit: str, place: str = "quantity") -> float:
         raise BadInput(place, f"{text!r} is not a number with a unit", f"write for example '1.5 {unit}'")
     number, written = match.groups()
     written = written or "1"
-    if _root(written)[1] != _root(unit)[1]:
+    try:
+        written_root = _root(written)
+    except BadInput as error:
+        raise BadInput(place, f"{text!r} is no quantity: {error}") from error
+    if written_root[1] != _root(unit)[1]:
         raise BadInput(place, f"{text!r} has the wrong dimension", f"expected something in {unit}")
-    return float(_registry().non_int_type(number) * _root(written)[0] / _root(si_unit(unit))[0])
+    return float(_registry().non_int_type(number) * written_root[0] / _root(si_unit(unit))[0])

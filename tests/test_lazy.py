@@ -33,7 +33,7 @@ def loaded(code: str) -> set[str]:
             "from catheter.lab.replay import Replay; from data.recording import Recording\n"
             "from catheter.lab.commands import SHIPPED\n"
             "r = Replay(Recording(SHIPPED)); r.signals; r.title",
-            set(),
+            {"numba", "scipy"},  # the reader's compiled loops
         ),
         (
             "from catheter.lab.replay import Replay; from data.recording import Recording\n"

@@ -51,6 +51,7 @@ def test_stamps_are_rounded_to_the_nearest_nanosecond(recorded: Path) -> None:
 
 def test_many_fields_are_what_protobuf_itself_reads() -> None:
     from data import message
+    from data.chunk import Messages
 
     names = tuple(f"c{i}" for i in range(40))
     pool = descriptor_pool.DescriptorPool()
@@ -59,7 +60,8 @@ def test_many_fields_are_what_protobuf_itself_reads() -> None:
     values = odd_numbers(40)
     read = kind.FromString(message.encode(values[None, :]).tobytes())
     assert np.array([getattr(read, name) for name in names]).tobytes() == values.tobytes()
-    assert message.decode([read.SerializeToString()], 40, "here").tobytes() == values.tobytes()
+    again = Messages.of_one(1, 0, read.SerializeToString())
+    assert message.decode(again, 40, "here").tobytes() == values.tobytes()
 
 
 def test_messages_are_what_protobuf_itself_reads(recorded: Path) -> None:
@@ -292,7 +294,7 @@ def test_every_cut_is_noticed_and_none_crashes(tmp_path: Path) -> None:
         for i in range(5):
             recorder.write("/force", i, i)
     content = path.read_bytes()
-    for size in range(1, len(content) - 8):  # the last 8 bytes are the closing magic, after the footer
+    for size in range(1, len(content)):
         cut.write_bytes(content[:size])
         with pytest.warns(RecordingCut):
             recording = Recording(cut)
@@ -342,8 +344,8 @@ def test_changed_times_and_a_changed_summary_are_noticed(recorded: Path, tmp_pat
         chunk = recording._contents.chunks[0].place
     summary = int.from_bytes(content[-28:-20], "little")  # the footer's first field
     for at, found in (
-        (chunk.offset, "other times than the summary lists"),  # the chunk's start time
-        (chunk.offset + 8, "other times"),
+        (chunk.offset, "not as its summary lists it"),  # the chunk's start time
+        (chunk.offset + 8, "not as its summary lists it"),
         *(
             (at, "fails its checksum|summary|record cannot be read")
             for at in range(summary + 9, len(content) - 37, 101)

@@ -7,14 +7,20 @@ import os
 import sys
 import traceback
 import warnings
-from typing import Any
+from contextlib import suppress
+from typing import Any, NoReturn
 
-from data.errors import CatheterError, RecordingCut
+from data.errors import BadInput, CatheterError, RecordingCut
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        raise BadInput(self.prog, message, f"see {self.prog} --help")
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the argument parser of all commands."""
-    root = argparse.ArgumentParser(
+    root = _Parser(
         prog="catheter",
         description="Simulation-and-experiment toolkit for a hydraulic soft catheter robot.",
         epilog="Every command takes --json (for scripts) and --debug (a traceback for what goes wrong).",
@@ -54,6 +60,7 @@ def parser() -> argparse.ArgumentParser:
     report.add_argument("name", choices=("regression", "hysteresis"), help="which report")
     report.add_argument("--recording", metavar="FILE.mcap", help="for hysteresis: judge on this recording")
     report.add_argument("--out", metavar="FOLDER", default="out", help="the folder to write to (default: out)")
+    report.add_argument("--force", action="store_true", help="overwrite an earlier report")
     report.add_argument("--quick", action="store_true", help="fewer levels, seconds instead of minutes")
 
     table = command("table", "print a table of the thesis, with units and source")
@@ -63,19 +70,20 @@ def parser() -> argparse.ArgumentParser:
 
 def run(arguments: list[str]) -> int:
     """Run one command and return the exit code; never shows a traceback without --debug."""
-    options = parser().parse_args(arguments)
+    json_wanted, debug = "--json" in arguments, "--debug" in arguments
     try:
-        return _run(options)
+        return _run(parser().parse_args(arguments))
     except BrokenPipeError:  # the reader of our output, such as `head`, has left
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (Exception, KeyboardInterrupt) as error:
         text, code = _explain(error)
-        if options.debug:
-            traceback.print_exc()
-        if options.json:
-            print(json.dumps({"error": text}))
-        print(f"error: {text}", file=sys.stderr)
+        with suppress(OSError, ValueError):  # nowhere to say it: the exit code must do
+            if debug:
+                traceback.print_exc()
+            if json_wanted:
+                print(json.dumps({"error": text}), flush=True)
+            print(f"error: {text}", file=sys.stderr)
         return code
 
 
@@ -85,7 +93,7 @@ def _explain(error: BaseException) -> tuple[str, int]:
         case CatheterError():
             return "; ".join([str(error), *getattr(error, "__notes__", [])]), 2
         case KeyboardInterrupt():
-            return "interrupted; nothing was overwritten", 130
+            return "interrupted", 130
         case MemoryError():
             return "not enough memory for this input", 2
         case OSError():

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from data.errors import BadInput
-from data.files import check_free, fresh, unused
+from data.files import check_free, check_inputs, fresh, unused
 
 if TYPE_CHECKING:
     from catheter.lab.replay import Replay
@@ -29,22 +29,32 @@ class Outcome:
         """Print the result, at most 100 columns wide."""
         from rich.console import Console
 
-        console = Console(width=WIDTH, highlight=False, soft_wrap=False)
+        class Pipe(Console):
+            def on_broken_pipe(self) -> None:
+                raise BrokenPipeError  # the reader has left: the command line knows what to do
+
+        console = Pipe(width=WIDTH, highlight=False, soft_wrap=False)
         for part in self.parts:
-            console.print(part, markup=False) if isinstance(part, str) else console.print(part)
+            console.print(printable(part), markup=False) if isinstance(part, str) else console.print(part)
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], title: str = "", words: int = 1) -> Any:
     """Return a printable table: the first `words` columns left, the others right."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
+    from rich.text import Text
 
-    made = Table(title=title or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    made = Table(title=Text(printable(title)) if title else None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for index, name in enumerate(header):
         made.add_column(name, justify="left" if index < words else "right", overflow="fold")
     for row in rows:
-        made.add_row(*row)
+        made.add_row(*(Text(printable(cell)) for cell in row))
     return made
+
+
+def printable(text: str) -> str:
+    """Return text from a file as a terminal may see it: control characters replaced."""
+    return "".join(character if character.isprintable() or character == "\n" else "\ufffd" for character in text)
 
 
 @contextmanager
@@ -65,13 +75,16 @@ def replay_(options: argparse.Namespace) -> Outcome:
     from catheter.lab.replay import Replay
     from data.recording import Recording
 
-    source = Path(options.recording) if options.recording else SHIPPED
+    source = SHIPPED if options.recording is None else Path(options.recording)
     out = Path(options.out) if options.out else unused(Path(f"{source.stem}.rrd"))
     picture = Path(options.picture) if options.picture else None
     if options.no_view and (options.out or picture):
         raise BadInput("--no-view", "given with --out or --picture", "leave one of them out")
     for path in () if options.no_view else filter(None, (out, picture)):
+        check_inputs(path, source)
         check_free(path, options.force)
+    if picture and picture.absolute() == out.absolute():
+        raise BadInput("--picture", f"is {picture}, as --out", "name two files")
     with Recording(source) as recording:
         replayed = Replay(recording, _ask(options, recording))
         outcome = Outcome(_replay_values(replayed))
@@ -89,10 +102,9 @@ def _ask(options: argparse.Namespace, recording: Any) -> Any:
 
     from catheter.lab.replay import recorded_ask
 
-    asked = recorded_ask(recording)
     given = {"response": options.response, "input": options.input, "others": tuple(options.others)}
-    given["split"] = options.split
-    return replace(asked, **{key: value for key, value in given.items() if value})
+    given = {key: value for key, value in (given | {"split": options.split}).items() if value}
+    return replace(recorded_ask(recording), **given) if given else None
 
 
 def _save_view(replayed: "Replay", out: Path, picture: Path | None, force: bool) -> None:
@@ -197,6 +209,7 @@ def import_(options: argparse.Namespace) -> Outcome:
     if not (options.log and options.mapping and options.out):
         raise BadInput("import", "needs LOG, --mapping and --out", "list the shipped mappings with --list")
     out = Path(options.out)
+    check_inputs(out, Path(options.mapping))
     with progress("importing") as advance:
         repairs = import_log(Path(options.log), load(options.mapping), out, replace=options.force, progress=advance)
     return Outcome(
@@ -211,6 +224,7 @@ def record_(options: argparse.Namespace) -> Outcome:
     from catheter.lab.scene import Scene
 
     out = Path(options.out)
+    check_inputs(out, Path(options.scene))
     run = record(Scene.load(options.scene), out, overwrite=options.force)
     return Outcome(
         {"recording": str(out), "kind": "simulated", "samples": len(run.time_s)},
@@ -222,9 +236,12 @@ def report_(options: argparse.Namespace) -> Outcome:
     """Write a report of error against run time."""
     from catheter.lab import report
 
+    folder = Path(options.out)
+    for path in report.paths(options.name, folder):
+        check_free(path, options.force) if folder.exists() else None
     with progress(options.name) as advance:
         made = report.REPORTS[options.name](quick=options.quick, recording=options.recording, progress=advance)
-    written = report.write(made, Path(options.out))
+    written = report.write(made, folder)
     rows = [[r.method, r.level, r.error_text, f"{r.seconds:.3g}"] for r in made.rows]
     return Outcome(
         {"report": made.name, "files": [str(path) for path in written], "rows": [vars(r) for r in made.rows]},

@@ -76,15 +76,17 @@ class Replay:
     @cached_property
     def ask(self) -> Ask:
         """Which signal answers which: as asked, else as the recording's scene asks, else by topic."""
-        asked = self._asked or recorded_ask(self.recording)
+        asked = self._asked or self._recorded_ask()
         response = asked.response or self._first(RESPONSES, ())
         named = asked.input or self._first(INPUTS, (response,))
         helpers = asked.others or tuple(topic for topic in HELPERS if topic in self.signals)
         others = tuple(label for label in helpers if label not in (response, named))
-        for label in filter(None, (asked.response, asked.input, *asked.others)):
+        for label in (*filter(None, (asked.response, asked.input)), *asked.others):
             if label not in self.signals:
                 known = ", ".join(self.signals) or "none"
                 raise BadInput(f"{self.recording.path}, {label}", "is not in the recording", f"signals are: {known}")
+        if response and response == named:
+            raise BadInput(f"{self.recording.path}, {response}", "is response and input at once", "name another")
         return Ask(response=response, input=named, others=others, split=asked.split)
 
     @cached_property
@@ -101,7 +103,7 @@ class Replay:
         sound = np.isfinite(np.stack([response.value, *columns])).all(axis=0)
         if not sound.all():
             count = int(np.sum(~sound))
-            self.left_out.append(f"{count} samples of {ask.response} where another signal has no value")
+            self.left_out.append(f"{count} samples of {ask.response} where it or another signal has no value")
         if sound.sum() < 2:
             self.left_out.append("loops and models: the signals never overlap in time")
             return None
@@ -147,7 +149,11 @@ class Replay:
         if len(experiment) <= 2 * max(len(model.terms) for model in models):
             self.left_out.append(f"models: {len(experiment)} samples are too few")
             return []
-        return compare(models, experiment, SPLITS[self.ask.split](experiment))
+        try:
+            return compare(models, experiment, SPLITS[self.ask.split](experiment))
+        except BadInput as error:
+            self.left_out.append(f"models: {error}")
+            return []
 
     @cached_property
     def best(self) -> "Fit | None":
@@ -160,6 +166,13 @@ class Replay:
         for fit in self.models if experiment else ():
             assert experiment is not None
             yield fit, fit.predicted - experiment.response
+
+    def _recorded_ask(self) -> Ask:
+        try:
+            return recorded_ask(self.recording)
+        except BadInput as error:
+            self.left_out.append(f"the questions of its scene: {error}")
+            return Ask()
 
     def _first(self, preferred: tuple[str, ...], taken: tuple[str, ...]) -> str:
         return next((label for label in preferred if label in self.signals and label not in taken), "")

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from data.errors import CannotWrite, CatheterError
+from data.errors import BadInput, CannotWrite, CatheterError
 from data.files import fresh
 
 Progress = Callable[[float], None]
@@ -95,26 +95,31 @@ def _processor() -> str:
     return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "")
 
 
+def paths(name: str, folder: Path) -> list[Path]:
+    """Return the files a report writes."""
+    return [folder / f"{name}.{ending}" for ending in ("csv", "json", "png")]
+
+
 def write(report: Report, folder: Path) -> list[Path]:
     """Write NAME.csv, NAME.png and NAME.json (machine, versions, notes) into a folder; return them.
 
-    A later run of the same report replaces them. Raises CannotWrite.
+    Files of an earlier run are replaced: ask `paths` first. Raises CannotWrite.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise CannotWrite(folder, f"cannot be made a folder: {error.strerror}") from error
-    paths = [folder / f"{report.name}.{ending}" for ending in ("csv", "json", "png")]
-    with fresh(paths[0], replace=True) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+    places = paths(report.name, folder)
+    with fresh(places[0], replace=True) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(["method", report.level, report.error, "seconds", "failed"])
         writer.writerows([r.method, r.level, repr(r.error), repr(r.seconds), r.failed] for r in report.rows)
-    with fresh(paths[1], replace=True) as temporary:
+    with fresh(places[1], replace=True) as temporary:
         about = {"title": report.title, "notes": report.notes, **machine()}
         temporary.write_text(json.dumps(about, indent=1), encoding="utf-8")
-    with fresh(paths[2], replace=True) as temporary:
+    with fresh(places[2], replace=True) as temporary:
         _draw(report, temporary)
-    return paths
+    return places
 
 
 def _draw(report: Report, path: Path) -> None:
@@ -127,7 +132,7 @@ def _draw(report: Report, path: Path) -> None:
         axes.loglog([r.seconds for r in rows], [r.error for r in rows], marker=marker, label=method)
     axes.set_xlabel("seconds")
     axes.set_ylabel(report.error)
-    axes.set_title(report.title, fontsize=10)
+    axes.set_title(report.title, fontsize=10, parse_math=False)
     axes.grid(visible=True, which="both", alpha=0.3)
     axes.legend(fontsize=8)
     figure.savefig(path, format="png", dpi=130)
@@ -135,6 +140,8 @@ def _draw(report: Report, path: Path) -> None:
 
 def regression(*, quick: bool, recording: str | None, progress: Progress) -> Report:
     """Non-negative least squares on a bender's chirp whose weights are known exactly."""
+    if recording is not None:
+        raise BadInput("--recording", "given for the regression report", "it makes its own data")
     from catheter.lab.studies import regression_rows
 
     return Report(

@@ -7,7 +7,7 @@ from typing import Any
 from catheter.bench import Bench, Noise, Plant, Schedule
 from data.ask import Ask
 from data.errors import BadInput
-from data.options import load_toml, nearest, option, read
+from data.options import load_toml, nearest, option, parse_toml, read
 
 FOLDER = Path(__file__).parents[2] / "data" / "scenes"
 
@@ -58,12 +58,7 @@ class Scene:
     @classmethod
     def parse(cls, text: str, place: str) -> "Scene":
         """Return a scene from its text; `place` is what errors name. Raises BadInput as `load`."""
-        import tomllib
-
-        try:
-            tables = tomllib.loads(text)
-        except (tomllib.TOMLDecodeError, RecursionError) as error:
-            raise BadInput(place, f"is not TOML: {error}") from error
+        tables = parse_toml(text, place)
         heading = read(Heading, tables.pop("scene", {}), f"{place}, [scene]")
         known = TABLES[heading.kind]
         for name in tables:
