@@ -84,6 +84,7 @@ class Contents:
     statistics: Statistics | None = None
     counts: dict[int, int] | None = None  # messages by channel, as the summary says or as they were counted
     library: str = ""
+    data_end: int = 0  # where the record stands that ends the data section
     cut: str | None = None
 
 
@@ -103,6 +104,8 @@ def walk(file: BinaryIO, path: Path) -> Contents:
             break
         if place.opcode not in allowed and place.opcode < _PRIVATE:
             raise DamagedRecording(f"{path}, byte {place.offset}", f"a record of kind {place.opcode} cannot stand here")
+        if place.opcode == Opcode.DATA_END:
+            found.data_end = place.offset - _HEAD.size
         allowed = _SUMMARY if place.opcode == Opcode.DATA_END else allowed if allowed is _SUMMARY else _DATA
         if place.opcode == Opcode.FOOTER:
             complete = _check_footer(file, place, size, path)
@@ -226,7 +229,7 @@ def _read_all(file: BinaryIO, found: Contents, path: Path) -> None:
         for opcode, content in inside.others:
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 place = f"{path}, chunk at byte {chunk.place.offset}"
-                _keep(_parse(opcode, content, place), found, place)
+                _keep(parse(opcode, content, place), found, place)
         stamps = inside.messages.stamp_ns
         held, numbers = np.unique(inside.messages.channel, return_counts=True)
         for channel, number in zip(held.tolist(), numbers.tolist(), strict=True):
@@ -247,9 +250,14 @@ def chunk_records(file: BinaryIO, chunk: ChunkPlace, path: Path) -> Records:
 
 def loose_message(file: BinaryIO, place: Place, path: Path) -> Message:
     """Return a message that stands outside any chunk."""
-    record = _record(file, place, path)
-    if not isinstance(record, Message):
-        raise DamagedRecording(path, f"byte {place.offset}: is no message")
+    return loose_from(_bytes(file, place, place.length, path), path)
+
+
+def loose_from(content: bytes, path: Path) -> Message:
+    """Return a message from its record's content; raises DamagedRecording when it is none."""
+    record = parse(Opcode.MESSAGE, content, str(path))
+    if not isinstance(record, Message) or record.log_time >= 1 << 63:
+        raise DamagedRecording(path, "a message outside chunks cannot be read")
     return record
 
 
@@ -267,10 +275,11 @@ _READERS = {
 
 
 def _record(file: BinaryIO, place: Place, path: Path) -> McapRecord:
-    return _parse(place.opcode, _bytes(file, place, place.length, path), f"{path}, byte {place.offset}")
+    return parse(place.opcode, _bytes(file, place, place.length, path), f"{path}, byte {place.offset}")
 
 
-def _parse(opcode: int, content: bytes, place: str) -> McapRecord:
+def parse(opcode: int, content: bytes, place: str) -> McapRecord:
+    """Return a record from its content; raises DamagedRecording naming `place`."""
     try:
         record: McapRecord = _READERS[Opcode(opcode)](ReadDataStream(BytesIO(content)), len(content))
     except (McapError, ValueError, OverflowError, MemoryError, struct.error, EOFError) as error:

@@ -44,6 +44,11 @@ def parser() -> argparse.ArgumentParser:
     replay.add_argument("--no-view", action="store_true", help="print the results only")
     replay.add_argument("--force", action="store_true", help="overwrite the outputs")
 
+    check = command("check", "read all of a recording and say what is sound, what is lost, and where")
+    check.add_argument("recording", help="an MCAP file")
+    check.add_argument("--salvage", metavar="OUT.mcap", help="write what can be had to a new, sound recording")
+    check.add_argument("--force", action="store_true", help="overwrite the output")
+
     importer = command("import", "turn a laboratory's text log into a recording")
     importer.add_argument("log", nargs="?", help="the log: comma, tab, semicolon or space separated")
     importer.add_argument("--mapping", metavar="NAME", help="a shipped mapping, or a .toml file")
@@ -118,7 +123,7 @@ def _run(options: argparse.Namespace) -> int:
     for warning in caught:
         if not issubclass(warning.category, RecordingCut):
             print(f"warning: {warning.message}", file=sys.stderr)
-    return 2 if cuts else 0
+    return 2 if cuts else outcome.code
 
 
 def _plain(value: Any) -> Any:

@@ -24,6 +24,7 @@ class Outcome:
 
     values: dict[str, Any]
     parts: list[Any] = field(default_factory=list)
+    code: int = 0
 
     def show(self) -> None:
         """Print the result, at most 100 columns wide."""
@@ -196,6 +197,37 @@ def _replay_parts(replayed: "Replay") -> Iterator[Any]:
             yield f"Up to {100 * far:.0f} % of the held-out samples are unlike the fitted ones: that is extrapolation."
     for text in replayed.left_out:
         yield f"Left out: {text}"
+
+
+def check_(options: argparse.Namespace) -> Outcome:
+    """Read all of a recording; exit code 2 when something is wrong."""
+    from data.inspection import inspect
+    from data.salvage import salvage
+
+    path = Path(options.recording)
+    with progress("reading") as advance:
+        if options.salvage:
+            found = salvage(path, Path(options.salvage), replace=options.force, progress=advance)
+        else:
+            found = inspect(path, progress=advance)
+    values = {
+        "recording": str(path),
+        "sound": found.sound,
+        "chunks": found.chunks,
+        "messages": found.messages,
+        "unverified_messages": found.unverified_messages,
+        "unverifiable": found.unverifiable,
+        "findings": [{"byte": finding.offset, "what": finding.what} for finding in found.findings],
+        "salvaged": options.salvage,
+    }
+    what = "sound" if found.sound else "damaged"
+    parts = [f"{path}: {what}", f"{found.chunks} sound chunks, {found.messages} messages, every checksum right"]
+    parts += [f"  byte {finding.offset}: {finding.what}" for finding in found.findings]
+    if found.unverifiable:
+        parts.append(f"Not verifiable: {found.unverifiable}")
+    if options.salvage:
+        parts.append(f"{options.salvage} written: every message that could be had")
+    return Outcome(values, parts, code=0 if found.sound else 2)
 
 
 def import_(options: argparse.Namespace) -> Outcome:

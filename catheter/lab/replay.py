@@ -47,6 +47,8 @@ class Replay:
         self.left_out: list[str] = [
             f"{name}: {channel.unreadable}" for name, channel in recording.channels.items() if channel.unreadable
         ]
+        salvaged = recording.metadata.get("salvage", {})
+        self.left_out += [f"salvaged file, {key}: {text}" for key, text in salvaged.items() if "." in key]
         self._asked = ask
 
     @property
