@@ -1,0 +1,121 @@
+"""How fast recordings are read and written, beside what a user would call instead."""
+
+import tempfile
+import time
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from catheter.lab.report import Progress, Row, measure
+from data.recorder import Recorder
+from data.recording import Recording
+from data.signal import Array, Signal
+from data.topics import STANDARD, Topic
+
+NAMES = tuple("abcdefgh")
+
+
+def recording_rows(sizes: Sequence[int], progress: Progress) -> tuple[list[Row], list[str]]:
+    """Return rows for numbers and frames, and what they come to in messages a second."""
+    rows: list[Row] = []
+    notes: list[str] = []
+    with tempfile.TemporaryDirectory() as folder:
+        warm = Path(folder) / "warm.mcap"  # what is compiled or imported on first use is not timed
+        _written(warm, np.ones((10, 8)))
+        _read(warm), _read_plain(warm)
+        for done, size in enumerate(sizes):
+            values = np.cumsum(np.random.default_rng(0).normal(size=(size, 8)), axis=0)
+            path = Path(folder) / f"{size}.mcap"
+            rows.append(_written(path, values))
+            error_of = partial(_differing_bits, values)
+            ours = measure("read: this project", f"{size}", partial(_read, path), error_of)
+            plain = measure("read: mcap and protobuf", f"{size}", partial(_read_plain, path), error_of)
+            rows += [ours, plain]
+            notes.append(
+                f"{size} messages: written {size / rows[-3].seconds:,.0f}/s, read {size / ours.seconds:,.0f}/s, "
+                f"by mcap and protobuf {size / plain.seconds:,.0f}/s ({plain.seconds / ours.seconds:.0f} times longer)"
+            )
+            progress((done + 1) / (len(sizes) + 1))
+        rows += _frames(Path(folder) / "frames.mcap", 300, notes)
+        progress(1.0)
+    return rows, notes
+
+
+def _written(path: Path, values: Array) -> Row:
+    signal = Signal(np.arange(len(values)) / 1000, values, "1")
+    started = time.perf_counter()
+    with Recorder(path, {"kind": "simulated"}, flush_s=None) as recorder:
+        recorder.add(Topic(name="/numbers", components=NAMES, units=("1",) * 8))
+        recorder.write_signals({"/numbers": signal})
+    seconds = time.perf_counter() - started
+    return Row(method="write: this project", level=f"{len(values)}", error=0.0, seconds=seconds)
+
+
+def _read(path: Path) -> Array:
+    with Recording(path) as recording:
+        return recording.signal("/numbers").value
+
+
+def _read_plain(path: Path) -> Array:
+    """Read with the mcap package's own reader and protobuf's own classes, checksums on."""
+    from google.protobuf import descriptor_pool, message_factory
+    from google.protobuf.descriptor_pb2 import FileDescriptorSet
+    from mcap.reader import make_reader
+
+    kind: Any = None
+    found = []
+    with path.open("rb") as file:
+        for schema, _, message in make_reader(file, validate_crcs=True).iter_messages(log_time_order=False):
+            if kind is None and schema is not None:
+                pool = descriptor_pool.DescriptorPool()
+                pool.Add(FileDescriptorSet.FromString(schema.data).file[0])
+                kind = message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
+            one = kind.FromString(message.data)
+            found.append((one.a, one.b, one.c, one.d, one.e, one.f, one.g, one.h))
+    return np.array(found)
+
+
+def _differing_bits(values: Array, read: object) -> float:
+    return float(np.sum(np.unpackbits(np.asarray(read).view(np.uint8) ^ values.view(np.uint8))))
+
+
+def _frames(path: Path, count: int, notes: list[str]) -> list[Row]:
+    """Write and read 640 x 480 pictures, as bytes: decoding JPEG is OpenCV's."""
+    draw = np.random.default_rng(1)
+    pictures = [draw.bytes(65_000) for _ in range(30)]
+    started = time.perf_counter()
+    with Recorder(path, {"kind": "simulated"}, flush_s=None) as recorder:
+        recorder.add(STANDARD["/camera/top"])
+        for i in range(count):
+            recorder.write_picture("/camera/top", i / 30, pictures[i % 30])
+    written = time.perf_counter() - started
+
+    def error_of(read: object) -> float:
+        assert isinstance(read, list)
+        wrong = sum(one != pictures[i % 30] for i, one in enumerate(read))
+        return float(wrong + abs(len(read) - count))
+
+    ours = measure("frames: this project", f"{count}", partial(_pictures, path), error_of)
+    plain = measure("frames: mcap and protobuf", f"{count}", partial(_pictures_plain, path), error_of)
+    notes.append(
+        f"frames of 65 kB: written {count / written:,.0f}/s, read {count / ours.seconds:,.0f}/s, "
+        f"by mcap and protobuf {count / plain.seconds:,.0f}/s"
+    )
+    return [Row(method="write frames: this project", level=f"{count}", error=0.0, seconds=written), ours, plain]
+
+
+def _pictures(path: Path) -> list[bytes]:
+    with Recording(path) as recording:
+        return [picture.data for picture in recording.pictures("/camera/top")]
+
+
+def _pictures_plain(path: Path) -> list[bytes]:
+    from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+    from mcap.reader import make_reader
+
+    with path.open("rb") as file:
+        messages = make_reader(file, validate_crcs=True).iter_messages(log_time_order=False)
+        return [CompressedImage.FromString(message.data).data for _, _, message in messages]
