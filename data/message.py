@@ -4,6 +4,7 @@ Zeros are written too, so every message of a topic has the same bytes but for it
 numpy reads and writes thousands at once.
 """
 
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -59,6 +60,17 @@ def decode(messages: Messages, size: int, place: str) -> Array:
     if bad >= 0:
         raise DamagedRecording(place, f"message {bad} is not made of optional doubles")
     return values
+
+
+@dataclass(frozen=True)
+class Doubles:
+    """The decoder of messages that are optional doubles and nothing else."""
+
+    components: tuple[str, ...]
+
+    def decode(self, messages: Messages, place: str) -> Array:
+        """Return (n, k) values. Raises DamagedRecording."""
+        return decode(messages, len(self.components), place)
 
 
 @cache

@@ -2,20 +2,22 @@
 
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from data import container, message
+from data import container
 from data.chunk import Messages
+from data.decoders import Reader, reader
 from data.errors import BadInput, DamagedRecording, RecordingCut
 from data.files import open_regular
 from data.signal import Array, Signal, check_increasing
-from data.topics import CAMERA_SCHEMA, Topic, from_metadata
+from data.topics import Topic
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -40,7 +42,12 @@ class Channel:
     topic: Topic
     ids: tuple[int, ...]
     messages: int
-    unreadable: str = ""
+    reader: Reader = field(compare=False, repr=False)
+
+    @property
+    def unreadable(self) -> str:
+        """Why the topic cannot be read, or an empty text."""
+        return self.reader.unreadable
 
 
 class Recording:
@@ -143,7 +150,8 @@ class Recording:
         base = Signal(np.empty(0), np.empty(0), unit, channel.topic.frame, (), channel.topic.note, topic)
         last_s, total = -np.inf, 0
         for messages in self._messages(channel, start_s, end_s):
-            values = message.decode(messages, len(channel.topic.components), place)[:, columns]
+            assert channel.reader.numbers is not None
+            values = channel.reader.numbers.decode(messages, place)[:, columns]
             time_s = self._seconds(messages.stamp_ns)
             check_increasing(time_s, place)
             if time_s[0] <= last_s:
@@ -165,7 +173,8 @@ class Recording:
         for messages in self._messages(channel, start_s, end_s):
             for index, time_s in enumerate(self._seconds(messages.stamp_ns).tolist()):
                 place = f"{self.path}, {topic} at t = {time_s:.3f} s"
-                picture, kind = message.decode_picture(messages.content(index), place)
+                assert channel.reader.pictures is not None
+                picture, kind = channel.reader.pictures(messages.content(index), place)
                 yield Picture(time_s, kind, picture)
 
     def to_frame(self, topics: Sequence[str] | None = None) -> "pd.DataFrame":
@@ -190,13 +199,28 @@ class Recording:
         for number, channel in self._contents.channels.items():
             count = (self._contents.counts or {}).get(number, 0)
             schema = self._contents.schemas.get(channel.schema_id)
-            topic, unreadable = _readable(channel, schema)
+            found_reader = reader(channel, schema, partial(self._first, number))
+            topic = found_reader.topic
             before = found.get(channel.topic)
             if before and before.topic != topic:
                 raise BadInput(f"{self.path}, {channel.topic}", "stands twice with different content")
             ids, messages = (before.ids, before.messages) if before else ((), 0)
-            found[channel.topic] = Channel(topic, (*ids, number), messages + count, unreadable)
+            found[channel.topic] = Channel(topic, (*ids, number), messages + count, found_reader)
         return dict(sorted(found.items()))
+
+    def _first(self, number: int) -> bytes | None:
+        """Return the first message of a channel, which tells what a self-describing one holds."""
+        for chunk in self._contents.chunks:
+            if chunk.channels is None or number in chunk.channels:
+                messages = container.chunk_records(self._file, chunk, self.path).messages
+                at = np.flatnonzero(messages.channel == number)
+                if at.size:
+                    return messages.content(int(at[0]))
+        for place in self._contents.loose:
+            one = container.loose_message(self._file, place, self.path)
+            if one.channel_id == number:
+                return one.data
+        return None
 
     def _span(self) -> tuple[int, int]:
         chunks = [chunk for chunk in self._contents.chunks if chunk.channels is None or chunk.channels]
@@ -253,20 +277,3 @@ class Recording:
 
     def _seconds(self, stamps_ns: NDArray[np.int64]) -> Array:
         return np.asarray((stamps_ns - self.start_ns) / 1e9)
-
-
-def _readable(channel: Any, schema: Any) -> tuple[Topic, str]:
-    """Return (topic, why it cannot be read) of an MCAP channel and its schema."""
-    empty = Topic(name="/unnamed", components=(), units=())
-    try:
-        empty = Topic(name=channel.topic, components=(), units=())
-        if channel.message_encoding != "protobuf" or schema is None:
-            return empty, f"messages are {channel.message_encoding or 'of no stated encoding'!r}, not protobuf"
-        if schema.name == CAMERA_SCHEMA:
-            return from_metadata(channel.topic, (), dict(channel.metadata)), ""
-        components = message.components_of(schema.data, schema.name)
-        if not components:
-            return empty, f"schema {schema.name!r} is not made of optional doubles"
-        return from_metadata(channel.topic, components, dict(channel.metadata)), ""
-    except BadInput as error:
-        return empty, str(error)

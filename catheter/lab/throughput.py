@@ -1,8 +1,9 @@
 """How fast recordings are read and written, beside what a user would call instead."""
 
+import json
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,7 @@ def recording_rows(sizes: Sequence[int], progress: Progress) -> tuple[list[Row],
                 f"by mcap and protobuf {size / plain.seconds:,.0f}/s ({plain.seconds / ours.seconds:.0f} times longer)"
             )
             progress((done + 1) / (len(sizes) + 1))
+        rows += _foreign(Path(folder), sizes[0], notes)
         rows += _frames(Path(folder) / "frames.mcap", 300, notes)
         progress(1.0)
     return rows, notes
@@ -80,6 +82,54 @@ def _read_plain(path: Path) -> Array:
 
 def _differing_bits(values: Array, read: object) -> float:
     return float(np.sum(np.unpackbits(np.asarray(read).view(np.uint8) ^ values.view(np.uint8))))
+
+
+def _foreign(folder: Path, size: int, notes: list[str]) -> list[Row]:
+    """Read the same numbers as JSON and as ROS 2 CDR, beside the json package and numpy on each message."""
+    from mcap.writer import Writer
+
+    values = np.cumsum(np.random.default_rng(2).normal(size=(size, 8)), axis=0)
+    definition = "\n".join(f"float64 {name}" for name in NAMES).encode()
+    cases: dict[str, tuple[tuple[str, str, bytes], Callable[[Array], bytes], Callable[[bytes], Array]]] = {
+        "json": (
+            ("numbers", "jsonschema", b"{}"),
+            lambda row: json.dumps(dict(zip(NAMES, row.tolist(), strict=True))).encode(),
+            lambda content: np.array(list(json.loads(content).values())),
+        ),
+        "cdr": (
+            ("lab/msg/Numbers", "ros2msg", definition),
+            lambda row: b"\0\1\0\0" + row.tobytes(),
+            lambda content: np.frombuffer(content, "<f8", offset=4),
+        ),
+    }
+    rows = []
+    for encoding, (schema, write, read) in cases.items():
+        path = folder / f"{encoding}.mcap"
+        with path.open("wb") as file:
+            writer = Writer(file)
+            writer.start()
+            channel = writer.register_channel("/numbers", encoding, writer.register_schema(*schema))
+            for i, row in enumerate(values):
+                writer.add_message(channel, i * 10**6, write(row), i * 10**6)
+            writer.finish()
+        _read(path)
+        error_of = partial(_differing_bits, values)
+        ours = measure(f"{encoding}: this project", f"{size}", partial(_read, path), error_of)
+        plain = measure(f"{encoding}: mcap, one by one", f"{size}", partial(_read_each, path, read), error_of)
+        rows += [ours, plain]
+        notes.append(
+            f"{encoding}: read {size / ours.seconds:,.0f}/s, one by one {size / plain.seconds:,.0f}/s "
+            f"({plain.seconds / ours.seconds:.0f} times longer)"
+        )
+    return rows
+
+
+def _read_each(path: Path, read: Callable[[bytes], Array]) -> Array:
+    from mcap.reader import make_reader
+
+    with path.open("rb") as file:
+        messages = make_reader(file, validate_crcs=True).iter_messages(log_time_order=False)
+        return np.array([read(message.data) for _, _, message in messages])
 
 
 def _frames(path: Path, count: int, notes: list[str]) -> list[Row]:
