@@ -43,16 +43,17 @@ class ClockRepair:
         not agree with the mapping's period.
         """
         first, self.rows = self.rows, self.rows + len(stamps)
+        kept: Mask = np.arange(first, self.rows) >= self.clock.drop_first
+        stamps = np.where(kept, stamps, stamps[np.argmax(kept)] if kept.any() else 0.0)  # a dropped stamp says nothing
         bad = np.flatnonzero(~(np.abs(stamps) <= 2.0**53))
         if bad.size:
             advice = "every row needs a time stamp, below 2^53 to be exact"
             raise BadInput(self.line(first + int(bad[0])), f"time is {stamps[bad[0]]}", advice)
-        self._zero = float(stamps[0]) if self._zero is None and len(stamps) else self._zero
+        self._zero = float(stamps[0]) if self._zero is None and kept.any() else self._zero
         read_s = (stamps - (self._zero or 0.0)) * factor_to_si(self.clock.unit)  # before scaling: keeps every digit
         if (np.abs(read_s) > MOST_SECONDS).any():
             at = int(np.argmax(np.abs(read_s) > MOST_SECONDS))
             raise BadInput(self.line(first + at), f"time {stamps[at]:.9g} is {read_s[at]:.3g} s after the first row")
-        kept: Mask = np.arange(first, self.rows) >= self.clock.drop_first
         if self.clock.period is not None:
             return self._regular(read_s, kept, first, self.clock.period)
         if self.clock.duplicates == "drop":
@@ -91,11 +92,11 @@ class ClockRepair:
     def _regular(self, read_s: Array, kept: Mask, first: int, period: float) -> tuple[Array, Mask]:
         """Return row number x period, after checking it against every printed stamp."""
         rows = np.arange(first, first + len(read_s))
-        regular = rows * period
+        regular = (rows - self.clock.drop_first) * period
         digits = self.clock.digits
         printed = np.abs(read_s + (self._zero or 0.0) * factor_to_si(self.clock.unit))
         last_digit = 10.0 ** (np.floor(np.log10(np.maximum(printed, 1e-300))) + 1 - digits)
-        off = np.abs(read_s - regular) > 0.51 * last_digit  # half of the last digit, and its rounding
+        off = kept & (np.abs(read_s - regular) > 0.51 * last_digit)  # half of the last digit, and its rounding
         if off.any():
             at = int(np.argmax(off))
             raise BadInput(
@@ -103,8 +104,8 @@ class ClockRepair:
                 f"stamp {read_s[at]:.9g} s is {abs(read_s[at] - regular[at]):.3g} s off row x {period:.9g} s",
                 f"a regular clock must agree to the last of {digits} digits; correct [clock] period",
             )
-        self.backwards += int(np.sum(self._steps(read_s) <= 0))
-        self._last_s = float(read_s[-1])
+        self.backwards += int(np.sum(self._steps(read_s[kept]) <= 0))
+        self._last_s = float(read_s[-1]) if kept.any() else self._last_s
         return np.asarray((rows[kept] - self.clock.drop_first) * period, dtype=np.float64), kept
 
     def _does_not_increase(self, time_s: Array, steps: Array, rows: NDArray[np.int64]) -> BadInput:

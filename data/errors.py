@@ -1,5 +1,7 @@
 """Every error the project raises on purpose."""
 
+import difflib
+from collections.abc import Iterable
 from pathlib import Path
 
 
@@ -31,9 +33,12 @@ class CannotWrite(CatheterError):
         super().__init__(f"{path}: {reason}")
 
 
-class DidNotConverge(CatheterError):
-    """A solver ended above its tolerance; the message has the residual and a remedy."""
-
-
 class RecordingCut(UserWarning):
     """A recording ends before its end: what came before the cut is sound and was read."""
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return 'did you mean ...' for a misspelt name, with all the known ones."""
+    names = list(known)
+    close = difflib.get_close_matches(name, names, n=1)
+    return (f"did you mean {close[0]!r}? " if close else "") + f"known: {', '.join(names) or 'none'}"

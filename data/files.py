@@ -33,7 +33,7 @@ def check_free(path: Path, replace: bool = False) -> None:
     if path.is_dir():
         raise CannotWrite(path, "is a folder; name a file")
     if path.exists() and not replace:
-        raise CannotWrite(path, "exists and is not overwritten; name another file or add --force")
+        raise CannotWrite(path, "exists and is not overwritten; name another file, or ask to replace it (--force)")
     if not path.parent.is_dir():
         raise CannotWrite(path, f"the folder {path.parent} does not exist; create it first")
 

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from data.ask import Ask
-from data.errors import BadInput
-from data.options import load_toml, nearest, option, read
-from data.topics import Topic, standard
+from data.errors import BadInput, nearest
+from data.options import load_toml, option, read
+from data.topics import Topic
+from data.topics import listed as listed_topic
 from data.units import UNDOCUMENTED, si_unit
 
 FOLDER = Path(__file__).parent / "mappings"
@@ -70,7 +71,7 @@ class Column:
 
     def described(self, rate_hz: float | None = None) -> Topic:
         """Return the recording's topic; component names default to the standard list's."""
-        listed = standard(self.topic)
+        listed = listed_topic(self.topic)
         names = self.components or (listed.components[: len(self.columns)] if listed else self.columns)
         unit = "1" if self.unit == UNDOCUMENTED else si_unit(self.unit)
         if not self.columns or len(names) != len(self.columns):

@@ -1,15 +1,14 @@
 """Frozen dataclasses read from TOML: units converted, unknown keys and impossible values refused."""
 
-import difflib
 import math
 import tomllib
 import types
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import MISSING, field, fields
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
-from data.errors import BadInput
+from data.errors import BadInput, nearest
 from data.files import open_regular
 from data.units import quantity
 
@@ -55,13 +54,6 @@ def parse_toml(text: str, place: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # ValueError: TOML's own errors, and numbers of 5000 digits
         raise BadInput(place, f"is not TOML: {str(error)[:200]}") from error
-
-
-def nearest(name: str, known: Iterable[str]) -> str:
-    """Return 'did you mean ...' for a misspelt name, with all the known ones."""
-    names = list(known)
-    close = difflib.get_close_matches(name, names, n=1)
-    return (f"did you mean {close[0]!r}? " if close else "") + f"known: {', '.join(names) or 'none'}"
 
 
 def read(kind: type[T], table: object, place: str) -> T:

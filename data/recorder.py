@@ -15,6 +15,7 @@ from data.files import cannot_write, check_free, place, unused
 from data.seal import LIBRARY, seal
 from data.signal import Array, Signal
 from data.topics import Topic
+from data.units import SI_SPELLINGS, si_unit
 
 CHUNK_BYTES = 1 << 20
 RESERVED = ("origin", "scene", "truth")
@@ -116,6 +117,9 @@ class Recorder:
         self._check_open()
         if topic.name in self._topics:
             raise BadInput(topic.name, "was added before", "a topic is added once")
+        for unit in set(topic.units) - set(SI_SPELLINGS):
+            if si_unit(unit) != unit:
+                raise BadInput(topic.name, f"unit {unit!r} is not SI", f"convert to {si_unit(unit)!r} before recording")
         key = (topic.schema_name, topic.components)
         with self._lock:
             if key not in self._schemas:

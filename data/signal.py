@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from data.errors import BadInput
+from data.units import UNDOCUMENTED
 
 Array = NDArray[np.float64]
 
@@ -39,6 +40,11 @@ class Signal:
         if self.components and (self.value.ndim == 1 or len(self.components) != self.value.shape[1]):
             raise BadInput(self.name, f"{len(self.components)} component names for value {self.value.shape}")
         check_increasing(self.time_s, self.name)
+
+    @property
+    def documented(self) -> bool:
+        """Whether the signal's maker stated its unit."""
+        return not (self.unit == "1" and self.note.startswith(UNDOCUMENTED))
 
     def __len__(self) -> int:
         return len(self.time_s)

@@ -1,9 +1,10 @@
 """The one list of topics: what a recording may hold, in which unit, made of which components."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from data.errors import BadInput
+from data.errors import BadInput, nearest
+from data.units import UNDOCUMENTED
 
 CAMERA_SCHEMA = "foxglove.CompressedImage"
 
@@ -63,7 +64,7 @@ def from_metadata(name: str, components: tuple[str, ...], text: dict[str, str]) 
     """Return the topic a file's channel describes; a unit it does not state is '1', 'undocumented'."""
     stated = "unit" in text or all(f"unit.{component}" in text for component in components)
     units = tuple(text.get(f"unit.{component}", text.get("unit", "1")) for component in components)
-    note = text.get("note", "" if stated else "undocumented")
+    note = text.get("note", "" if stated else UNDOCUMENTED)
     try:
         rate_hz = float(text["rate_hz"]) if "rate_hz" in text else None
     except ValueError:
@@ -105,6 +106,15 @@ STANDARD = {
 }
 
 
-def standard(name: str) -> Topic | None:
-    """Return the listed topic of that name ('/pressure/2' counts as '/pressure'), or None."""
-    return STANDARD.get(re.sub(r"/\d+$", "", name))
+def listed(name: str) -> Topic | None:
+    """Return the listed topic of that name ('/pressure/2' is '/pressure' by another name), or None."""
+    found = STANDARD.get(re.sub(r"/\d+$", "", name))
+    return replace(found, name=name) if found else None
+
+
+def standard(name: str) -> Topic:
+    """Return the listed topic of that name, for `Recorder.add`. Raises BadInput naming the nearest."""
+    found = listed(name)
+    if found is None:
+        raise BadInput(f"topic {name!r}", "is not listed", f"{nearest(name, STANDARD)}; or make a Topic of your own")
+    return found

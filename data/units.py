@@ -14,7 +14,7 @@ UNDOCUMENTED = "undocumented"
 
 _UNIT = re.compile(r"[A-Za-z%°µ]+(?:\^[-+]?\d(?:\.\d)?)?(?:\s*[ */·]\s*[A-Za-z%°µ]+(?:\^[-+]?\d(?:\.\d)?)?){0,5}")
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?)(?![\d.])\s*(.*?)\s*")
-_SI_SPELLINGS = (
+SI_SPELLINGS = (
     *("Pa", "N", "V", "A", "K", "kg", "s", "Hz", "rad", "rad/s", "1"),
     *("m", "m^2", "m^3", "m/s", "m/s^2", "m^3/s", "m^3 Pa^-0.5 s^-1", "Pa s", "kg/m^3"),
     *("N/m", "N m", "N m^2", "N m^3", "V m^3", "V m"),
@@ -63,10 +63,10 @@ def si_unit(unit: str) -> str:
     Raises BadInput when the unit is unknown or the project has no SI spelling for it.
     """
     root = _root(unit)[1]
-    for spelling in _SI_SPELLINGS:
+    for spelling in SI_SPELLINGS:
         if _root(spelling)[1] == root:
             return spelling
-    raise BadInput(f"unit {unit!r}", "has no SI spelling here", f"known are {', '.join(_SI_SPELLINGS)}")
+    raise BadInput(f"unit {unit!r}", "has no SI spelling here", f"known are {', '.join(SI_SPELLINGS)}")
 
 
 @cache

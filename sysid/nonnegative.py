@@ -22,8 +22,8 @@ class Solution:
     condition: float
 
 
-def triangle(columns: Array, target: Array, block_rows: int = BLOCK_ROWS) -> Array:
-    """Return the (k+1, k+1) triangle R of [X y]: ||X w - y|| = ||R [w, -1]|| for every w.
+def triangle(columns: Array, target: Array, block_rows: int = BLOCK_ROWS, scale: Array | None = None) -> Array:
+    """Return the (k+1, k+1) triangle R of [X / scale, y]: ||X w - y|| = ||R [scale w, -1]|| for every w.
 
     Tall-skinny QR, `block_rows` rows at a time, so memory beyond the input stays bounded. Every
     least-squares question about the n rows has the same answer on these k+1.
@@ -32,7 +32,7 @@ def triangle(columns: Array, target: Array, block_rows: int = BLOCK_ROWS) -> Arr
     kept = np.zeros((0, size))
     for first in range(0, len(columns), block_rows):
         part = slice(first, first + block_rows)
-        block = np.column_stack([columns[part], target[part]])
+        block = np.column_stack([columns[part] if scale is None else columns[part] / scale, target[part]])
         kept = np.asarray(np.linalg.qr(np.vstack([kept, block]), mode="r"))
     return np.vstack([kept, np.zeros((size - len(kept), size))])
 
@@ -49,11 +49,11 @@ def solve(columns: Array, target: Array, free: int) -> Solution:
         raise BadInput("least squares", f"X {columns.shape}, y {target.shape}, {free} free", "expected (n, k), (n,)")
     if not len(target):
         raise BadInput("least squares", "has no samples", "at least one is needed")
-    if not (np.isfinite(columns).all() and np.isfinite(target).all()):
+    largest = np.maximum(columns.max(axis=0, initial=0.0), -columns.min(axis=0, initial=0.0))
+    if not (np.isfinite(largest).all() and np.isfinite(target).all()):
         raise BadInput("least squares", "X or y is not finite", "drop or repair those samples first")
-    largest = np.abs(columns).max(axis=0)
     largest[largest == 0] = 1.0
-    reduced = triangle(columns / largest, target)
+    reduced = triangle(columns, target, scale=largest)
     return _solve_reduced(reduced, largest, free)
 
 

@@ -121,6 +121,20 @@ def test_bad_arguments_are_one_sentence(capsys, tmp_path, monkeypatch, arguments
     assert len(err.strip().splitlines()) == 1
 
 
+def test_what_is_asked_for_by_name_is_done_or_refused(capsys) -> None:
+    code, out, _ = run(capsys, "replay", "--no-view", "--json", "--response", "/pressure")
+    assert code == 0
+    assert (json.loads(out)["response"], json.loads(out)["others"]) == ("/pressure", [])
+    for arguments, said in (
+        (("--split", "steps"), "at least 4 are needed"),
+        (("--with", "/force"), "is response or input already"),
+        (("--response", "/volume"), "is response and input at once"),
+    ):
+        code, _, err = run(capsys, "replay", "--no-view", *arguments)
+        assert code == 2
+        assert said in err
+
+
 def test_a_fault_of_ours_is_said_to_be_ours(capsys, monkeypatch) -> None:
     from catheter.lab import commands
 

@@ -132,6 +132,16 @@ def test_repairs_are_done_and_named(tmp_path: Path) -> None:
         assert [listed[f"repair.{i + 1}"] for i in range(len(repairs))] == repairs
 
 
+@pytest.mark.parametrize("stamp", ["0", "nan", "1e300"])
+@pytest.mark.parametrize("clock", ["drop_first = 1", 'drop_first = 1\nperiod = "10 ms"\ndigits = 13'])
+def test_a_dropped_row_is_asked_nothing(tmp_path: Path, stamp: str, clock: str) -> None:
+    rows = [f"{1.7e9 + i / 100:.2f},1,{i}" for i in range(5)]
+    _, out = bring_in(tmp_path, "\n".join([f"{stamp},9,9", *rows]), clock=clock)
+    with Recording(out) as recording:
+        assert recording.signal("/force").value.tolist() == [0, 1, 2, 3, 4]
+        assert recording.signal("/force").time_s == pytest.approx(np.arange(5) / 100, abs=2e-7)  # digits of 1.7e9
+
+
 def test_an_output_that_exists_is_not_touched(tmp_path: Path) -> None:
     (tmp_path / "out.mcap").write_text("mine")
     with pytest.raises(CannotWrite, match="not overwritten"):

@@ -264,6 +264,18 @@ def test_what_no_reader_could_trust_is_refused(tmp_path: Path, call, found: str)
         call(recorder)
 
 
+def test_listed_topics_come_by_name_and_number_and_units_must_be_si(tmp_path: Path) -> None:
+    assert standard("/pressure/2").name == "/pressure/2"
+    with pytest.raises(BadInput, match="'/presure': is not listed|did you mean '/pressure'"):
+        standard("/presure")
+    with Recorder(tmp_path / "run.mcap", SIMULATED) as recorder:
+        recorder.add(standard("/pressure/2"))
+        recorder.write("/pressure/2", 0.0, 1.0)
+        for unit in ("kPa", "banana"):
+            with pytest.raises(BadInput, match=unit):
+                recorder.add(Topic(name="/other", components=("x",), units=(unit,)))
+
+
 def test_a_recorder_outside_its_block_is_refused(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "run.mcap", SIMULATED)
     with pytest.raises(BadInput, match="not open"):

@@ -8,12 +8,12 @@ import numpy as np
 
 from catheter.lab import cli
 from catheter.lab.report import Report, Row, machine, measure, write
-from data.errors import DidNotConverge
+from data.errors import CatheterError
 
 
 def test_a_solve_that_fails_is_a_row_that_says_so() -> None:
     def fails() -> object:
-        raise DidNotConverge("residual 3e-4 > 1e-8")
+        raise CatheterError("residual 3e-4 > 1e-8")
 
     row = measure("method", "1", fails, lambda _: 0.0)
     assert "residual 3e-4" in row.failed

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from data.errors import BadInput
 from data.files import check_free, check_inputs, fresh, unused
+from data.units import UNDOCUMENTED
 
 if TYPE_CHECKING:
-    from catheter.lab.replay import Replay
+    from catheter.lab.replay import LoopFamily, Replay
 
 SHIPPED = Path(__file__).parents[2] / "data" / "recordings" / "bender.mcap"
 WIDTH = 100
@@ -94,6 +95,7 @@ def replay_(options: argparse.Namespace) -> Outcome:
             _save_view(replayed, out, picture, options.force)
             outcome.values |= {"view": str(out), "picture": str(picture) if picture else None}
             outcome.parts.append(f"Dashboard: {out}   (look at it with: rerun {out})")
+            outcome.parts += [f"Picture: {picture}"] if picture else []
     return outcome
 
 
@@ -105,7 +107,12 @@ def _ask(options: argparse.Namespace, recording: Any) -> Any:
 
     given = {"response": options.response, "input": options.input, "others": tuple(options.others)}
     given = {key: value for key, value in (given | {"split": options.split}).items() if value}
-    return replace(recorded_ask(recording), **given) if given else None
+    if not given:
+        return None
+    asked = replace(recorded_ask(recording), **given)
+    if options.others:
+        return asked
+    return replace(asked, others=tuple(name for name in asked.others if name not in (asked.response, asked.input)))
 
 
 def _save_view(replayed: "Replay", out: Path, picture: Path | None, force: bool) -> None:
@@ -129,13 +136,16 @@ def _replay_values(replayed: "Replay") -> dict[str, Any]:
         "kind": recording.kind,
         "duration_s": recording.duration_s,
         "cut": recording.cut,
-        "signals": {label: {"unit": s.unit, "samples": len(s)} for label, s in replayed.signals.items()},
+        "signals": {
+            label: {"unit": s.unit if s.documented else UNDOCUMENTED, "samples": len(s)}
+            for label, s in replayed.signals.items()
+        },
         "cameras": replayed.cameras,
         "response": ask.response,
         "input": ask.input,
         "others": list(ask.others),
         "loops": [
-            {"x": f.x.name, "y": f.y.name, "unit": f.unit, "areas": [loop.area for loop in f.loops]}
+            {"x": f.x.name, "y": f.y.name, "unit": _area_si(f), "loops": [vars(loop) for loop in f.loops]}
             for f in replayed.loops
         ],
         "models": [
@@ -159,8 +169,12 @@ def _replay_values(replayed: "Replay") -> dict[str, Any]:
     }
 
 
+def _area_si(family: "LoopFamily") -> str:
+    return family.unit if family.x.documented and family.y.documented else UNDOCUMENTED
+
+
 def _replay_parts(replayed: "Replay") -> Iterator[Any]:
-    from catheter.lab.display import display
+    from catheter.lab.display import area_unit, shown_unit
 
     recording = replayed.recording
     yield f"{replayed.title}: {recording.path.name}, {recording.duration_s:.1f} s"
@@ -168,8 +182,8 @@ def _replay_parts(replayed: "Replay") -> Iterator[Any]:
     yield f"Signals (samples): {topics or 'none'}"
     for family in replayed.loops:
         if family.loops:
-            unit, factor = display(family.unit)
-            areas = sorted(abs(loop.area) * factor for loop in family.loops)
+            unit, factor = area_unit(family)
+            areas = sorted(loop.area * factor for loop in family.loops)
             yield (
                 f"Loops of {family.y.name} over {family.x.name}: {len(areas)}, "
                 f"area {areas[0]:.4g} to {areas[-1]:.4g} {unit}"
@@ -177,14 +191,15 @@ def _replay_parts(replayed: "Replay") -> Iterator[Any]:
     fits = replayed.models
     if fits:
         signal = replayed.signals[replayed.ask.response]
-        unit = "undocumented unit" if "undocumented" in signal.note else signal.unit
+        unit, factor = shown_unit(signal)
+        unit = unit if signal.documented else "an undocumented unit"
         rows = [
             [
                 fit.model.name,
                 f"{fit.active}/{fit.parameters}",
                 f"{fit.fit_percent:.1f}",
-                f"{fit.rmse:.4g}",
-                f"{fit.held_out_rmse:.4g}",
+                f"{fit.rmse * factor:.4g}",
+                f"{fit.held_out_rmse * factor:.4g}",
                 f"{1e3 * fit.seconds:.1f}",
             ]
             for fit in fits

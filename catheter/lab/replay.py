@@ -3,8 +3,7 @@
 Each stage is computed when it is asked for, and imports what it needs then.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,7 @@ import numpy as np
 from data.ask import Ask
 from data.errors import BadInput
 from data.recording import Recording
-from data.signal import Array, Signal
+from data.signal import Signal
 
 if TYPE_CHECKING:
     from sysid.fit import Fit
@@ -83,6 +82,8 @@ class Replay:
         named = asked.input or self._first(INPUTS, (response,))
         helpers = asked.others or tuple(topic for topic in HELPERS if topic in self.signals)
         others = tuple(label for label in helpers if label not in (response, named))
+        if self._asked is not None and set(asked.others) - set(others):
+            raise BadInput(f"{self.recording.path}, {response}", "is response or input already", "name another")
         for label in (*filter(None, (asked.response, asked.input)), *asked.others):
             if label not in self.signals:
                 known = ", ".join(self.signals) or "none"
@@ -127,10 +128,10 @@ class Replay:
             return []
         from sysid.hysteresis import loops
 
-        x = Signal(experiment.time_s, experiment.input, self.signals[self.ask.input].unit, name=self.ask.input)
+        x = replace(self.signals[self.ask.input], time_s=experiment.time_s, value=experiment.input)
         found = []
         for label, values in {self.ask.response: experiment.response, **experiment.others}.items():
-            y = Signal(experiment.time_s, values, self.signals[label].unit, name=label)
+            y = replace(self.signals[label], time_s=experiment.time_s, value=values)
             found.append(LoopFamily(x, y, loops(x.value, values), _product(x.unit, y.unit)))
         if not found[0].loops:
             self.left_out.append(f"loops: {x.name} never rises and falls by more than 10 % of its span")
@@ -154,6 +155,8 @@ class Replay:
         try:
             return compare(models, experiment, SPLITS[self.ask.split](experiment))
         except BadInput as error:
+            if self._asked is not None:  # the user chose: not ours to leave out
+                raise
             self.left_out.append(f"models: {error}")
             return []
 
@@ -161,13 +164,6 @@ class Replay:
     def best(self) -> "Fit | None":
         """The model with the smallest held-out error."""
         return min(self.models, key=lambda fit: fit.held_out_rmse, default=None)
-
-    def predicted(self) -> Iterator[tuple["Fit", Array]]:
-        """Yield each model with its residual, model minus measurement."""
-        experiment = self.experiment
-        for fit in self.models if experiment else ():
-            assert experiment is not None
-            yield fit, fit.predicted - experiment.response
 
     def _recorded_ask(self) -> Ask:
         try:

@@ -169,7 +169,7 @@ def hysteresis(*, quick: bool, recording: str | None, progress: Progress) -> Rep
         level="operators",
         error="RMSE held out",
         rows=rows,
-        notes=["A replay uses 5 operators: more hardly lower the error."],
+        notes=["A replay uses 5 operators."],
     )
 
 

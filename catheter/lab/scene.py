@@ -6,8 +6,8 @@ from typing import Any
 
 from catheter.bench import Bench, Noise, Plant, Schedule
 from data.ask import Ask
-from data.errors import BadInput
-from data.options import load_toml, nearest, option, parse_toml, read
+from data.errors import BadInput, nearest
+from data.options import load_toml, option, parse_toml, read
 
 FOLDER = Path(__file__).parents[2] / "data" / "scenes"
 

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from catheter.lab.display import shown_unit
 from catheter.lab.views.clocks import Clocks, Column
-from catheter.lab.views.labels import shown_unit
 
 if TYPE_CHECKING:
     from catheter.lab.replay import Replay

@@ -4,10 +4,8 @@ import re
 
 import numpy as np
 
-from catheter.lab.display import display
 from data.recording import UNSTATED
-from data.signal import Array, Signal
-from data.units import UNDOCUMENTED
+from data.signal import Array
 
 Colour = tuple[int, int, int]
 
@@ -32,13 +30,6 @@ MARK: Colour = (255, 80, 70)
 
 # Five anchors of the viridis ramp, lifted at the dark end to show on a dark ground.
 _RAMP = np.array([(125, 95, 200), (70, 110, 190), (33, 145, 140), (94, 201, 98), (253, 231, 37)], dtype=np.float64)
-
-
-def shown_unit(signal: Signal) -> tuple[str, float]:
-    """Return (the unit a view prints, the factor from SI to it)."""
-    if signal.unit == "1" and UNDOCUMENTED in signal.note:
-        return UNDOCUMENTED, 1.0
-    return display(signal.unit)
 
 
 def view_name(what: str, unit: str, kind: str) -> str:

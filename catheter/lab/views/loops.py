@@ -9,8 +9,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from catheter.lab.display import shown_unit
 from catheter.lab.views.clocks import stamps
-from catheter.lab.views.labels import FRAME, GRID, MARK, TEXT, Colour, plain, ramp, shown_unit, ticks, view_name
+from catheter.lab.views.labels import FRAME, GRID, MARK, TEXT, Colour, plain, ramp, ticks, view_name
 from data.signal import Array, Signal
 
 if TYPE_CHECKING:

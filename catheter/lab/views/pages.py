@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import rerun.blueprint as rrb
 
+from catheter.lab.display import shown_unit
 from catheter.lab.views.columns import Candidate, Columns
-from catheter.lab.views.labels import BEST, MEASURED, MODELS, SIGNALS, plain, shown_unit, view_name
+from catheter.lab.views.labels import BEST, MEASURED, MODELS, SIGNALS, plain, view_name
 from catheter.lab.views.plots import Line, emptiest_corner, plot
 
 if TYPE_CHECKING:

@@ -2,10 +2,9 @@
 
 from typing import TYPE_CHECKING
 
-from catheter.lab.display import display
-from catheter.lab.views.labels import literal, plain, shown_unit
+from catheter.lab.display import area_unit, shown_unit
+from catheter.lab.views.labels import literal, plain
 from catheter.lab.views.loops import MOST_LOOPS
-from data.units import UNDOCUMENTED
 
 if TYPE_CHECKING:
     from catheter.lab.replay import LoopFamily, Replay
@@ -27,7 +26,7 @@ def summary(replay: "Replay", left_out: list[str]) -> str:
         parts.append(f"**This recording was {literal(recording.cut)}.**")
     if replay.models:
         parts.append(_models(replay))
-    areas = [_areas(replay, family) for family in replay.loops if family.loops]
+    areas = [_areas(family) for family in replay.loops if family.loops]
     if areas:
         parts.append(f"**Loop areas:** {', '.join(areas)}")
     reasons = [*replay.left_out, *left_out]
@@ -63,9 +62,9 @@ def _row(fit: "Fit", factor: float, *, best: bool) -> list[str]:
     return [f"**{cell}**" for cell in row] if best else row
 
 
-def _areas(replay: "Replay", family: "LoopFamily") -> str:
+def _areas(family: "LoopFamily") -> str:
     areas = [loop.area for loop in family.loops]
-    unit, factor = _area_unit(replay, family)
+    unit, factor = area_unit(family)
     span = _number(min(areas) * factor) + (f" to {_number(max(areas) * factor)}" if len(areas) > 1 else "")
     count = f"{len(areas)} loops" if len(areas) > 1 else "1 loop"
     if len(areas) > MOST_LOOPS:
@@ -79,11 +78,3 @@ def _named(label: str) -> str:
 
 def _number(value: float) -> str:
     return f"{value:#.3g}".removesuffix(".")
-
-
-def _area_unit(replay: "Replay", family: "LoopFamily") -> tuple[str, float]:
-    """Return the area's unit and factor; a unit nobody documented is said, not left out."""
-    units = [shown_unit(replay.signals[signal.name]) for signal in (family.y, family.x)]
-    if any(unit == UNDOCUMENTED for unit, _ in units):
-        return " x ".join(f"[{unit}]" for unit, _ in units), units[0][1] * units[1][1]
-    return display(family.unit)
