@@ -31,6 +31,7 @@ def main() -> int:
     if hidden:
         print(f"error: {'; '.join(hidden)}; rename or uninstall that, or run from another folder", file=sys.stderr)
         return 2
+    sys.stderr = sys.stderr or Path(os.devnull).open("w")  # noqa: SIM115, as long as we run
     sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115, as long as we run
     try:
         from catheter.lab.cli import run

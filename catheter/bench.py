@@ -186,12 +186,16 @@ def simulate(schedule: Schedule, bench: Bench, plant: Plant, noise: Noise, subst
     draw = np.random.default_rng(noise.seed)
 
     def measured(clean: Array, deviation: float, step: float) -> Array:
-        return np.asarray(np.rint((clean + deviation * draw.standard_normal(samples)) / step) * step)
+        with np.errstate(over="ignore"):  # refused below
+            return np.asarray(np.rint((clean + deviation * draw.standard_normal(samples)) / step) * step)
 
-    return Run(
+    run = Run(
         np.arange(samples) / bench.rate,
         np.rint(volts * 1e3) / 1e3,
         measured(volume, noise.volume, noise.volume_step),
         measured(pressure, noise.pressure, noise.pressure_step),
         measured(force, noise.force, noise.force_step),
     )
+    if not all(np.isfinite(column).all() for column in (run.volume_m3, run.pressure_pa, run.force_n)):
+        raise BadInput("[noise]", "makes values that are not finite", "choose a smaller deviation or a larger step")
+    return run

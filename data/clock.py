@@ -31,6 +31,7 @@ class ClockRepair:
     repeated: int = 0
     gaps: int = 0
     widest_s: float = 0.0
+    largest_off_s: float = 0.0
     _last_s: float = field(default=-np.inf, repr=False)
     _origin_s: float | None = field(default=None, repr=False)
     _zero: float | None = field(default=None, repr=False)
@@ -78,7 +79,8 @@ class ClockRepair:
         if clock.period is not None:
             found.append(
                 f"{self.backwards} of {self.rows} printed stamps do not increase; the clock is row x "
-                f"{clock.period:.9g} s, which agrees with every stamp to its last of {clock.digits} digits"
+                f"{clock.period:.9g} s, which agrees with every stamp to its last of {clock.digits} digits (largest "
+                f"difference {self.largest_off_s:.2g} s)"
             )
         if self.repeated:
             found.append(f"{self.repeated} rows with a repeated stamp dropped")
@@ -93,9 +95,14 @@ class ClockRepair:
         """Return row number x period, after checking it against every printed stamp."""
         rows = np.arange(first, first + len(read_s))
         regular = (rows - self.clock.drop_first) * period
-        digits = self.clock.digits
+        digits = self.clock.digits or 17
         printed = np.abs(read_s + (self._zero or 0.0) * factor_to_si(self.clock.unit))
-        last_digit = 10.0 ** (np.floor(np.log10(np.maximum(printed, 1e-300))) + 1 - digits)
+        last_digit = np.maximum(10.0 ** (np.floor(np.log10(np.maximum(printed, 1e-300))) + 1 - digits), 1e-9)
+        if (kept & (last_digit > 2 * period)).any():
+            at = int(np.argmax(kept & (last_digit > 2 * period)))
+            found = f"stamps are printed to {last_digit[at]:.3g} s"
+            raise BadInput(self.line(first + at), found, f"too coarse to confirm a period of {period:.3g} s")
+        self.largest_off_s = max(self.largest_off_s, float(np.abs(np.where(kept, read_s - regular, 0.0)).max()))
         off = kept & (np.abs(read_s - regular) > 0.51 * last_digit)  # half of the last digit, and its rounding
         if off.any():
             at = int(np.argmax(off))

@@ -35,7 +35,7 @@ from mcap.records import (
 
 from data.chunk import HEAD, Records, records, unpack
 from data.errors import BadInput, DamagedRecording
-from data.seal import LIBRARY, unseal
+from data.seal import LIBRARY, SEAL, unseal
 
 MOST_UNPACKED = 32 << 20  # beyond the file's own size: a chunk that claims more is taken for damage
 MAGIC = b"\x89MCAP0\r\n"
@@ -102,7 +102,8 @@ def walk(file: BinaryIO, path: Path) -> Contents:
         if place.offset + place.length > size:
             _check_really_cut(file, place, size, path)
             break
-        if place.opcode not in allowed and place.opcode < _PRIVATE:
+        private = place.opcode >= _PRIVATE and found.library != LIBRARY  # ours has none
+        if place.opcode not in allowed and not private:
             raise DamagedRecording(f"{path}, byte {place.offset}", f"a record of kind {place.opcode} cannot stand here")
         if place.opcode == Opcode.DATA_END:
             found.data_end = place.offset - _HEAD.size
@@ -115,7 +116,8 @@ def walk(file: BinaryIO, path: Path) -> Contents:
         _compare(found, path)
     else:
         found.cut = f"cut off after {size} bytes: {_reach(found)}"
-    if not complete or not found.channels:
+    described = all(channel.schema_id in {0, *found.schemas} for channel in found.channels.values())
+    if not complete or not found.channels or not described:
         _read_all(file, found, path)
     return found
 
@@ -187,13 +189,17 @@ def _keep(record: McapRecord, found: Contents, place: str) -> None:
         case Channel():
             found.channels[record.id] = record
         case Metadata():
-            found.metadata[record.name] = unseal(record.name, dict(record.metadata), found.library == LIBRARY, place)
+            fields = dict(record.metadata)
+            fields = unseal(record.name, fields, place) if found.library == LIBRARY or SEAL in fields else fields
+            if found.metadata.setdefault(record.name, fields) != fields:
+                raise DamagedRecording(f"{place}, metadata {record.name!r:.40}", "stands twice, with different content")
         case ChunkIndex():
             found.listed[record.chunk_start_offset + _HEAD.size] = record
         case MetadataIndex():
             found.listed_metadata[record.offset] = record.name
         case Statistics():
-            found.statistics, found.counts = record, dict(record.channel_message_counts)
+            counts = dict(record.channel_message_counts)
+            found.statistics, found.counts = record, counts if counts or not record.message_count else None
 
 
 def _compare(found: Contents, path: Path) -> None:
@@ -245,7 +251,11 @@ def chunk_records(file: BinaryIO, chunk: ChunkPlace, path: Path) -> Records:
     """Return a chunk's records, its checksum verified. Raises DamagedRecording naming the chunk."""
     place = f"{path}, chunk at byte {chunk.place.offset} (t = {chunk.start_ns / 1e9:.3f} to {chunk.end_ns / 1e9:.3f} s)"
     content = _bytes(file, chunk.place, chunk.place.length, path)
-    return records(unpack(content, place, os.fstat(file.fileno()).st_size + MOST_UNPACKED), place)
+    found = records(unpack(content, place, os.fstat(file.fileno()).st_size + MOST_UNPACKED), place)
+    stamps = found.messages.stamp_ns
+    if len(stamps) and not chunk.start_ns <= int(stamps.min()) <= int(stamps.max()) <= chunk.end_ns:
+        raise DamagedRecording(place, f"holds stamps {stamps.min()} to {stamps.max()} ns", "its head says otherwise")
+    return found
 
 
 def loose_message(file: BinaryIO, place: Place, path: Path) -> Message:

@@ -41,7 +41,8 @@ class Clock:
 
     drop_first: leading rows without a sound stamp. duplicates: "drop" keeps the first row of each
     stamp that repeats. period: the clock is row number x period, believed only if every printed
-    stamp agrees with it to its last printed digit (`digits` significant ones).
+    stamp agrees with it to its last printed digit; `digits`, how many significant ones are printed,
+    must be stated with it.
     """
 
     column: str
@@ -49,7 +50,7 @@ class Clock:
     drop_first: int = option(0, least=0)
     duplicates: str = option("refuse", choices=("refuse", "drop"))
     period: float | None = option(None, unit="s", least=1e-9)
-    digits: int = option(5, least=1, most=17)
+    digits: int | None = option(None, least=1, most=17)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,6 +146,8 @@ def _check(found: Mapping, path: Path) -> None:
         twice = next((name for name in listed if listed.count(name) > 1), None)
         if twice is not None:
             raise BadInput(f"{path}, {what} {twice!r}", "stands twice", f"each {what} needs a name of its own")
+    if found.clock.period is not None and found.clock.digits is None:
+        raise BadInput(f"{path}, [clock] digits", "is missing", "a period is checked to the stamps' last printed digit")
     if si_unit(found.clock.unit) != "s":
         raise BadInput(f"{path}, [clock] unit", f"is {found.clock.unit!r}", "expected a unit of time")
     for topic in found.topics:

@@ -1,7 +1,8 @@
 """Writing recordings: MCAP with protobuf messages, zstd, checksums, and nothing ever lost."""
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike
 from data import message
 from data.errors import BadInput, CatheterError
 from data.files import cannot_write, check_free, place, unused
-from data.seal import LIBRARY, seal
+from data.seal import LIBRARY, SEAL, seal
 from data.signal import Array, Signal
 from data.topics import Topic
 from data.units import SI_SPELLINGS, si_unit
@@ -57,13 +58,16 @@ class Recorder:
             raise BadInput("start_ns", f"is {start_ns!r}", "expected whole nanoseconds since 1970")
         self.path = Path(path)
         self.partial = self.path
+        if flush_s is not None and not (isinstance(flush_s, int | float) and flush_s > 0):
+            raise BadInput("flush_s", f"is {flush_s!r}", "expected seconds, or None")
         self._written = 0
+        self._failure: OSError | None = None
         self._records = _metadata(origin, scene, truth)
         self._start_ns, self._flush_s, self._replace = start_ns, flush_s, replace
         self._topics: dict[str, tuple[Topic, int]] = {}
         self._schemas: dict[tuple[str, tuple[str, ...]], int] = {}
         self._last_ns: dict[str, int] = {}
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._stop = threading.Event()
         self._stop.set()
 
@@ -71,6 +75,8 @@ class Recorder:
         """Open the partial file, write what the recording is, and start the flush timer."""
         from mcap.writer import CompressionType, Writer
 
+        if self._written or not self._stop.is_set() or self._topics:
+            raise BadInput(self.path, "the recorder was used before", "make one for each recording")
         check_free(self.path, self._replace)
         self.partial = unused(self.path.with_stem(f"{self.path.stem}.partial"))
         try:
@@ -95,60 +101,64 @@ class Recorder:
         """Finish the file; move it to its place unless the block failed."""
         self._stop.set()
         with self._lock:
+            empty = error is not None and not self._written  # it holds nothing that could be lost
             try:
-                if error is not None and not self._written:
-                    self._close_quietly()
-                    self.partial.unlink(missing_ok=True)  # it holds nothing that could be lost
-                    return
-                self._writer.finish()
-                self._file.close()
+                if self._failure is None and not empty:
+                    self._writer.finish()
+                    self._file.close()
             except OSError as failure:
+                self._failure = failure
+            if self._failure or empty:
                 self._close_quietly()
                 if not self._written or not self.partial.stat().st_size:
                     self.partial.unlink(missing_ok=True)
-                raise cannot_write(self.path, failure) from failure
-        if error is None:
+        if error is None and self._failure is None:
             place(self.partial, self.path, self._replace)
-        elif isinstance(error, CatheterError):
-            error.add_note(f"what was recorded before that is kept in {self.partial}")
+            return
+        kept = f"what was recorded before that is kept in {self.partial}" if self.partial.exists() else ""
+        if error is None and self._failure is not None:
+            lost = cannot_write(self.path, self._failure)
+            lost.add_note(kept)
+            raise lost from self._failure
+        if kept and isinstance(error, CatheterError):
+            error.add_note(kept)
 
     def add(self, topic: Topic) -> None:
         """Declare a topic; once for each, before its first message."""
-        self._check_open()
         if topic.name in self._topics:
             raise BadInput(topic.name, "was added before", "a topic is added once")
+        _check_texts(topic.name, topic.metadata())
         for unit in set(topic.units) - set(SI_SPELLINGS):
             if si_unit(unit) != unit:
                 raise BadInput(topic.name, f"unit {unit!r} is not SI", f"convert to {si_unit(unit)!r} before recording")
         key = (topic.schema_name, topic.components)
-        with self._lock:
+        with self._writing():
             if key not in self._schemas:
                 camera = topic.is_camera
                 data = message.camera_schema() if camera else message.schema(*key)
                 self._schemas[key] = self._writer.register_schema(key[0], "protobuf", data)
             channel = self._writer.register_channel(topic.name, "protobuf", self._schemas[key], topic.metadata())
-        self._topics[topic.name] = (topic, channel)
+            self._topics[topic.name] = (topic, channel)
 
     def note(self, name: str, fields: Mapping[str, str]) -> None:
         """Write a metadata record, at any time before the end."""
-        self._check_open()
         if name in RESERVED:
             raise BadInput(f"metadata {name!r}", "is written by the recorder itself", "choose another name")
+        _check_texts("name", {"name": name})
         _check_texts(name, fields)
-        try:
-            with self._lock:
-                self._writer.add_metadata(name, seal(name, dict(fields)))
-        except OSError as error:
-            raise cannot_write(self.path, error) from error
+        with self._writing():
+            self._writer.add_metadata(name, seal(name, dict(fields)))
 
     def write(self, name: str, time_s: float, values: ArrayLike) -> None:
         """Write one message: `values` holds a number for each component, in SI."""
         try:
-            row = np.atleast_2d(np.asarray(values, dtype=np.float64))
+            row = np.atleast_1d(np.asarray(values, dtype=np.float64))
             time = np.array([time_s], dtype=np.float64)
         except (TypeError, ValueError) as error:
             raise BadInput(name, f"{values!r:.40} at {time_s!r:.40}: {error}", "expected numbers") from error
-        self._write_rows([(name, time, row)])
+        if values is None or row.ndim != 1:
+            raise BadInput(name, f"got values of shape {row.shape}", "expected a number for each component")
+        self._write_rows([(name, time, row[None, :])])
 
     def write_signals(self, signals: Mapping[str, Signal]) -> None:
         """Write whole signals (or blocks of them), topic -> signal, merged by time."""
@@ -164,23 +174,31 @@ class Recorder:
         topic, channel = self._known(name)
         if not topic.is_camera:
             raise BadInput(name, "is no camera", f"it holds {topic.components}")
-        stamp = self._stamps(name, np.array([time_s], dtype=np.float64))[0]
-        data = message.encode_picture(int(stamp), topic.frame or name, picture, picture_format)
-        self._put([(int(stamp), channel, data)])
+        if not (isinstance(picture, bytes) and picture and isinstance(time_s, int | float)):
+            raise BadInput(name, f"got {type(picture).__name__} at {time_s!r:.40}", "expected bytes and a time")
+        _check_texts(name, {"format": picture_format})
+        with self._writing():
+            stamps = self._stamps(name, np.array([time_s], dtype=np.float64))
+            data = message.encode_picture(int(stamps[0]), topic.frame or name, picture, picture_format)
+            self._put([(int(stamps[0]), channel, data)], {name: stamps})
 
     def _write_rows(self, rows: list[tuple[str, Array, Array]]) -> None:
-        messages: list[tuple[int, int, bytes]] = []
-        for name, time_s, values in rows:
-            topic, channel = self._known(name)
-            if values.ndim != 2 or values.shape[1] != len(topic.components) or topic.is_camera:
-                raise BadInput(name, f"got values of shape {values.shape}", f"its components are {topic.components}")
-            table = message.encode(values)
-            data, size = table.tobytes(), table.itemsize
-            stamps = self._stamps(name, time_s).tolist()
-            messages += [(ns, channel, data[i * size : (i + 1) * size]) for i, ns in enumerate(stamps)]
-        if len(rows) > 1:
-            messages.sort(key=lambda item: item[0])
-        self._put(messages)
+        with self._writing():  # stamps are checked and written under one lock, all of them or none
+            messages: list[tuple[int, int, bytes]] = []
+            stamped = {}
+            for name, time_s, values in rows:
+                topic, channel = self._known(name)
+                if values.shape != (len(time_s), len(topic.components)) or topic.is_camera:
+                    found = f"got values of shape {values.shape} for {len(time_s)} stamps"
+                    raise BadInput(name, found, f"its components are {topic.components}")
+                table = message.encode(values)
+                data, size = table.tobytes(), table.itemsize
+                stamped[name] = self._stamps(name, time_s)
+                stamps = stamped[name].tolist()
+                messages += [(ns, channel, data[i * size : (i + 1) * size]) for i, ns in enumerate(stamps)]
+            if len(rows) > 1:
+                messages.sort(key=lambda item: item[0])
+            self._put(messages, stamped)
 
     def _stamps(self, name: str, time_s: Array) -> Any:
         """Return int64 nanoseconds since 1970, checked to follow what the topic holds."""
@@ -195,13 +213,24 @@ class Recorder:
         if (steps <= 0).any():
             at = int(np.flatnonzero(steps <= 0)[0])
             raise BadInput(name, f"time {time_s[at]:.9g} s does not come after the one before", "stamps must increase")
-        if len(stamps):
-            self._last_ns[name] = int(stamps[-1])
         return stamps
 
     def _check_open(self) -> None:
+        if self._failure is not None:
+            raise cannot_write(self.path, self._failure)
         if self._stop.is_set():
             raise BadInput(self.path, "the recorder is not open", "use it inside its `with` block")
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Hold the lock; once the disk has failed nothing more is written: a gap would hide in the file."""
+        with self._lock:
+            self._check_open()
+            try:
+                yield
+            except OSError as error:
+                self._failure = error
+                raise cannot_write(self.path, error) from error
 
     def _known(self, name: str) -> tuple[Topic, int]:
         self._check_open()
@@ -209,14 +238,11 @@ class Recorder:
             raise BadInput(name, "was not added", f"known topics: {', '.join(self._topics) or 'none'}")
         return self._topics[name]
 
-    def _put(self, messages: list[tuple[int, int, bytes]]) -> None:
-        try:
-            with self._lock:
-                for stamp, channel, data in messages:
-                    self._written += 1
-                    self._writer.add_message(channel, log_time=stamp, data=data, publish_time=stamp)
-        except OSError as error:
-            raise cannot_write(self.path, error) from error
+    def _put(self, messages: list[tuple[int, int, bytes]], stamped: Mapping[str, Any]) -> None:
+        self._last_ns |= {name: int(stamps[-1]) for name, stamps in stamped.items() if len(stamps)}
+        for stamp, channel, data in messages:
+            self._written += 1
+            self._writer.add_message(channel, log_time=stamp, data=data, publish_time=stamp)
 
     def _flush_often(self, every_s: float) -> None:
         while not self._stop.wait(every_s):
@@ -225,7 +251,8 @@ class Recorder:
                     return
                 try:
                     self._writer.flush()
-                except OSError:  # a full disk: the next write, or the end, meets it again and says so
+                except OSError as error:  # a full disk: the next write, or the end, says so
+                    self._failure = error
                     return
 
     def _close_quietly(self) -> None:
@@ -247,6 +274,7 @@ def _metadata(
         raise BadInput("truth", "given for a measured recording", "only a simulation knows its truth")
     _check_texts("origin", origin)
     _check_texts("truth", truth or {})
+    _check_texts("scene", {"toml": scene})
     found: dict[str, Mapping[str, str]] = {"origin": origin}
     if scene:
         found["scene"] = {"toml": scene}
@@ -259,6 +287,8 @@ def _check_texts(name: str, fields: Mapping[str, str]) -> None:
     for key, value in fields.items():
         if not (isinstance(key, str) and isinstance(value, str)) or not _is_unicode(key + value):
             raise BadInput(f"metadata {name}, {key!r:.40}", f"is {value!r:.60}", "expected text")
+        if key == SEAL:
+            raise BadInput(f"metadata {name}, {key!r}", "is written by the recorder itself", "choose another key")
 
 
 def _is_unicode(text: str) -> bool:

@@ -271,8 +271,12 @@ class Recording:
 
     def _nanoseconds(self, time_s: float | None, otherwise: int) -> int:
         """Return the stamp of a time: the one that a sample at that time was rounded to."""
-        if time_s is None or not abs(time_s) < 9e9:  # 285 years
-            return otherwise if time_s is None or time_s > 0 else 0
+        if time_s is None:
+            return otherwise
+        if not abs(time_s) < 9e9:  # 285 years, infinity, NaN
+            if np.isnan(time_s):
+                raise BadInput(self.path, "a window's border is NaN", "expected seconds or None")
+            return 0 if time_s < 0 else 1 << 63
         return self.start_ns + round(time_s * 1e9)
 
     def _seconds(self, stamps_ns: NDArray[np.int64]) -> Array:

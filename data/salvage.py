@@ -12,7 +12,7 @@ from data.container import loose_from
 from data.errors import BadInput, DamagedRecording
 from data.files import check_inputs, fresh, open_regular
 from data.inspection import Inspection, Piece, Progress, inspect, parse, scan
-from data.seal import LIBRARY, seal, unseal
+from data.seal import LIBRARY, SEAL, seal, unseal
 
 
 @dataclass
@@ -68,8 +68,9 @@ def _define(piece: Piece, copy: _Copy) -> None:
         case Channel() as channel:
             copy.channels.setdefault(channel.id, channel)
         case Metadata() as metadata if metadata.name not in copy.metadata:
+            fields = dict(metadata.metadata)
             try:
-                fields = unseal(metadata.name, dict(metadata.metadata), False, "")
+                fields = unseal(metadata.name, fields, "") if SEAL in fields else fields
             except DamagedRecording:  # `inspect` has found it: what it says cannot be trusted
                 return
             copy.metadata.append(metadata.name)

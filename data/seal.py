@@ -8,21 +8,22 @@ import zlib
 from data.errors import DamagedRecording
 
 LIBRARY = "catheter-robot-toolkit"  # what our recorder writes into a file's header
+SEAL = "catheter-robot-toolkit.crc32"  # the key of the checksum
 
 
 def seal(name: str, fields: dict[str, str]) -> dict[str, str]:
     """Return metadata with its checksum added."""
-    return fields | {"crc32": f"{_metadata_checksum(name, fields):08x}"}
+    return fields | {SEAL: _checksum(name, fields)}
 
 
-def unseal(name: str, fields: dict[str, str], must: bool, place: str) -> dict[str, str]:
-    """Return metadata without its checksum; raise DamagedRecording when it differs, or is missing but `must`."""
-    written = fields.pop("crc32", None)
-    found = f"{_metadata_checksum(name, fields):08x}"
-    if (must or written is not None) and written != found:
+def unseal(name: str, fields: dict[str, str], place: str) -> dict[str, str]:
+    """Return our metadata without its checksum; raise DamagedRecording when that is wrong or missing."""
+    rest = {key: value for key, value in fields.items() if key != SEAL}
+    written, found = fields.get(SEAL), _checksum(name, rest)
+    if written != found:
         raise DamagedRecording(f"{place}, metadata {name!r:.40}", f"checksum is {found}, should be {written}")
-    return fields
+    return rest
 
 
-def _metadata_checksum(name: str, fields: dict[str, str]) -> int:
-    return zlib.crc32(repr((name, sorted(fields.items()))).encode("utf-8", "surrogatepass"))
+def _checksum(name: str, fields: dict[str, str]) -> str:
+    return f"{zlib.crc32(repr((name, sorted(fields.items()))).encode('utf-8', 'surrogatepass')):08x}"

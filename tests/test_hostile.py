@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import zstandard
 from helpers import SIMULATED, catheter
-from mcap.writer import Writer
+from mcap.writer import IndexType, Writer
 
 from catheter.bench import ML, Bench, Noise, Plant, Schedule, simulate
 from catheter.lab import cli
@@ -147,6 +147,21 @@ def test_a_unit_with_brackets_and_escapes_is_shown_as_it_is(tmp_path: Path, caps
     assert "\x1b" not in out
 
 
+def test_a_chunk_head_that_lies_about_time_is_refused(tmp_path: Path) -> None:
+    path = foreign(tmp_path / "a.mcap", [10**18, 10**18 + 5], index_types=IndexType.NONE)
+    content = bytearray(path.read_bytes())
+    at = content.index(struct.pack("<QQ", 10**18, 10**18 + 5))
+    content[at + 8 : at + 16] = bytes(8)
+    path.write_bytes(content)
+    with Recording(path) as recording, pytest.raises(DamagedRecording, match="its head says otherwise"):
+        recording.signal("/force")
+
+
+def test_a_summary_without_schemas_is_no_damage(tmp_path: Path) -> None:
+    with Recording(foreign(tmp_path / "a.mcap", [1, 2], repeat_schemas=False)) as recording:
+        assert len(recording.signal("/force")) == 2
+
+
 def test_every_border_of_a_window_falls_on_the_right_side(tmp_path: Path) -> None:
     time_s = np.arange(300) / 83
     with Recorder(tmp_path / "a.mcap", SIMULATED, start_ns=1_763_000_000_000_000_001) as recorder:
@@ -158,6 +173,10 @@ def test_every_border_of_a_window_falls_on_the_right_side(tmp_path: Path) -> Non
             borders = whole.time_s[first], whole.time_s[first + 5]
             assert len(recording.signal("/force", start_s=borders[0], end_s=borders[1])) == 5
         assert len(recording.signal("/force", start_s=-np.inf, end_s=np.inf)) == 300
+        for start_s in (1e10, np.inf):
+            assert len(recording.signal("/force", start_s=start_s)) == 0
+        with pytest.raises(BadInput, match="NaN"):
+            recording.signal("/force", start_s=np.nan)
 
 
 def test_a_pipe_is_no_file(tmp_path: Path, capsys) -> None:
@@ -297,6 +316,21 @@ def test_wrong_arguments_are_one_sentence_too(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1
     assert done.stdout.startswith('{"error"')
+
+
+def test_noise_that_overflows_is_refused() -> None:
+    with pytest.raises(BadInput, match="not finite"):
+        simulate(Schedule(levels=1, chirp=0.0), Bench(), Plant(), Noise(force=1e300, force_step=1e-9))
+
+
+def test_a_report_never_overwrites_its_own_recording(tmp_path: Path, capsys) -> None:
+    inside = tmp_path / "hysteresis.csv"
+    inside.write_bytes(SHIPPED.read_bytes())
+    arguments = ("report", "hysteresis", "--quick", "--recording", inside, "--out", tmp_path, "--force")
+    code, _, err = run(capsys, *arguments)
+    assert code == 2
+    assert "is an input" in err
+    assert inside.read_bytes() == SHIPPED.read_bytes()
 
 
 def test_a_report_overwrites_nothing_unasked(tmp_path: Path, capsys) -> None:

@@ -86,9 +86,9 @@ def run(arguments: list[str]) -> int:
         with suppress(OSError, ValueError):  # nowhere to say it: the exit code must do
             if debug:
                 traceback.print_exc()
+            print(f"error: {text}", file=sys.stderr)
             if json_wanted:
                 print(json.dumps({"error": text}), flush=True)
-            print(f"error: {text}", file=sys.stderr)
         return code
 
 

@@ -285,6 +285,7 @@ def report_(options: argparse.Namespace) -> Outcome:
 
     folder = Path(options.out)
     for path in report.paths(options.name, folder):
+        check_inputs(path, Path(options.recording or SHIPPED))
         check_free(path, options.force) if folder.exists() else None
     with progress(options.name) as advance:
         made = report.REPORTS[options.name](quick=options.quick, recording=options.recording, progress=advance)

@@ -13,6 +13,7 @@ from data.ask import Ask
 from data.errors import BadInput
 from data.recording import Recording
 from data.signal import Signal
+from data.topics import Topic
 
 if TYPE_CHECKING:
     from sysid.fit import Fit
@@ -59,13 +60,11 @@ class Replay:
     @cached_property
     def signals(self) -> dict[str, Signal]:
         """Every number the recording holds, one signal for each component: '/tip:x', '/force'."""
-        found = {}
+        found: dict[str, Signal] = {}
         for name, channel in self.recording.channels.items():
             if channel.unreadable or channel.topic.is_camera:
                 continue
-            for component in channel.topic.components:
-                label = name if len(channel.topic.components) == 1 else f"{name}:{component}"
-                found[label] = self.recording.signal(name, component)
+            found |= self._components(name, channel.topic)
         return {label: signal for label, signal in found.items() if len(signal) > 1 or self._skip(label)}
 
     @cached_property
@@ -164,6 +163,18 @@ class Replay:
     def best(self) -> "Fit | None":
         """The model with the smallest held-out error."""
         return min(self.models, key=lambda fit: fit.held_out_rmse, default=None)
+
+    def _components(self, name: str, topic: Topic) -> dict[str, Signal]:
+        """Return a topic's components as signals of their own; read once where they share a unit."""
+        if len(topic.components) == 1:
+            return {name: self.recording.signal(name)}
+        if len(set(topic.units)) > 1:
+            return {f"{name}:{one}": self.recording.signal(name, one) for one in topic.components}
+        whole = self.recording.signal(name)
+        return {
+            f"{name}:{one}": replace(whole, value=whole.value[:, i], components=(), name=f"{name}:{one}")
+            for i, one in enumerate(topic.components)
+        }
 
     def _recorded_ask(self) -> Ask:
         try:

@@ -112,8 +112,8 @@ def write(report: Report, folder: Path) -> list[Path]:
     places = paths(report.name, folder)
     with fresh(places[0], replace=True) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(["method", report.level, report.error, "seconds", "failed"])
-        writer.writerows([r.method, r.level, repr(r.error), repr(r.seconds), r.failed] for r in report.rows)
+        writer.writerow(["method", report.level, report.error, "seconds", "failed", "report"])
+        writer.writerows([r.method, r.level, r.error, r.seconds, r.failed, report.title] for r in report.rows)
     with fresh(places[1], replace=True) as temporary:
         about = {"title": report.title, "notes": report.notes, **machine()}
         temporary.write_text(json.dumps(about, indent=1), encoding="utf-8")

@@ -66,6 +66,6 @@ def ticks(low: float, high: float, most: int = 6) -> Array:
     if not (np.isfinite(span) and span > 0):
         return np.array([low])
     power = 10.0 ** np.floor(np.log10(span / most))
-    step = next(power * m for m in (1, 2, 5, 10, 20) if span / (power * m) <= most - 1)
+    step = next(power * m for m in (1, 2, 5, 10, 20) if span / (power * m) <= most - 1 or m == 20)
     first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
     return np.asarray(np.arange(first, last + 1) * step + 0.0)  # adding 0 turns -0 into 0
