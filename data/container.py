@@ -109,7 +109,7 @@ def walk(file: BinaryIO, path: Path) -> Contents:
             found.data_end = place.offset - _HEAD.size
         allowed = _SUMMARY if place.opcode == Opcode.DATA_END else allowed if allowed is _SUMMARY else _DATA
         if place.opcode == Opcode.FOOTER:
-            complete = _check_footer(file, place, size, path)
+            complete = _check_footer(file, place, path, found.library == LIBRARY)
             break
         _note(file, place, found, path)
     if complete:
@@ -139,7 +139,7 @@ def _check_really_cut(file: BinaryIO, place: Place, size: int, path: Path) -> No
         raise DamagedRecording(f"{path}, byte {place.offset}", found, "bytes were changed")
 
 
-def _check_footer(file: BinaryIO, footer: Place, size: int, path: Path) -> bool:
+def _check_footer(file: BinaryIO, footer: Place, path: Path, ours: bool) -> bool:
     """Return whether the file ends as it should, False if cut; raise DamagedRecording otherwise."""
     end = footer.offset + footer.length
     file.seek(end)
@@ -152,10 +152,10 @@ def _check_footer(file: BinaryIO, footer: Place, size: int, path: Path) -> bool:
     assert isinstance(record, Footer)
     if record.summary_start:
         if not len(MAGIC) < record.summary_start < footer.offset:
-            raise DamagedRecording(path, f"the summary begins at byte {record.summary_start} of {size}")
+            raise DamagedRecording(path, f"the summary begins at byte {record.summary_start}")
         file.seek(record.summary_start)
         content = file.read(footer.offset + 16 - record.summary_start)
-        if record.summary_crc and zlib.crc32(content) != record.summary_crc:
+        if (record.summary_crc or ours) and zlib.crc32(content) != record.summary_crc:
             raise DamagedRecording(path, "the summary at its end fails its checksum", "bytes were changed")
     return True
 

@@ -28,6 +28,7 @@ from data.files import open_regular
 from data.seal import LIBRARY
 
 Progress = Callable[[float], None]
+RELEASE_BYTES = 1 << 26
 _RECORD = struct.Struct("<BQ")
 _PACKINGS = (b"", b"zstd", b"lz4")
 
@@ -97,7 +98,7 @@ def scan(file: BinaryIO, path: Path, findings: list[Finding]) -> Iterator[Piece]
     if size < len(MAGIC) or file.read(len(MAGIC)) != MAGIC:
         raise BadInput(path, "does not begin as an MCAP recording", "nothing can be salvaged")
     with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as view:
-        at = len(MAGIC)
+        at = released = len(MAGIC)
         while at < size:
             if view[at:] == MAGIC if size - at == len(MAGIC) else False:
                 return
@@ -105,6 +106,9 @@ def scan(file: BinaryIO, path: Path, findings: list[Finding]) -> Iterator[Piece]
             if 0 < opcode <= Opcode.DATA_END and at + _RECORD.size + length <= size:
                 yield from _piece(view, (at, opcode, length), path, findings)
                 at += _RECORD.size + length
+                if at - released > RELEASE_BYTES and hasattr(mmap, "MADV_DONTNEED"):
+                    view.madvise(mmap.MADV_DONTNEED)  # what was read need not stay in memory
+                    released = at
                 continue
             following = _next_chunk(view, at + 1, size)
             cut = _cut_chunk(view, at, size if following is None else following, path)

@@ -62,7 +62,7 @@ def parser() -> argparse.ArgumentParser:
     record.add_argument("--force", action="store_true", help="overwrite the output")
 
     report = command("report", "error against run time, as CSV, table and picture")
-    report.add_argument("name", choices=("regression", "hysteresis", "recordings"), help="which report")
+    report.add_argument("name", choices=("regression", "hysteresis", "recordings", "damage"), help="which report")
     report.add_argument("--recording", metavar="FILE.mcap", help="for hysteresis: judge on this recording")
     report.add_argument("--out", metavar="FOLDER", default="out", help="the folder to write to (default: out)")
     report.add_argument("--force", action="store_true", help="overwrite an earlier report")

@@ -190,8 +190,26 @@ def recordings(*, quick: bool, recording: str | None, progress: Progress) -> Rep
     )
 
 
+def damage(*, quick: bool, recording: str | None, progress: Progress) -> Report:
+    """Damaged copies of a recording: how many are read as something else without a word."""
+    if recording is not None:
+        raise BadInput("--recording", "given for the damage report", "it makes its own data")
+    from catheter.lab.damage import damage_rows
+
+    rows, notes = damage_rows(100 if quick else 2_500, progress)
+    return Report(
+        name="damage",
+        title="Damaged copies of a recording: read wrongly in silence, or not reported by `check`",
+        level="copies",
+        error="silent",
+        rows=rows,
+        notes=notes,
+    )
+
+
 REPORTS: dict[str, Callable[..., Report]] = {
     "regression": regression,
     "hysteresis": hysteresis,
     "recordings": recordings,
+    "damage": damage,
 }
