@@ -150,7 +150,7 @@ def _check_footer(file: BinaryIO, footer: Place, path: Path, ours: bool) -> bool
         return False
     record = _record(file, footer, path)
     assert isinstance(record, Footer)
-    if record.summary_start:
+    if record.summary_start or ours:  # ours always has a summary
         if not len(MAGIC) < record.summary_start < footer.offset:
             raise DamagedRecording(path, f"the summary begins at byte {record.summary_start}")
         file.seek(record.summary_start)
