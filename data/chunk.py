@@ -116,7 +116,7 @@ def records(unpacked: bytes, place: str) -> Records:
 
 def records_as_far(unpacked: bytes, place: str) -> Records:
     """Return the records up to the first that is not whole."""
-    from data.walk import walk
+    from data.compiled import walk
 
     most = len(unpacked) // (_RECORD_HEAD + _MESSAGE_HEAD) + 1
     buffer = np.frombuffer(unpacked, np.uint8)

@@ -100,7 +100,7 @@ def scan(file: BinaryIO, path: Path, findings: list[Finding]) -> Iterator[Piece]
     with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as view:
         at = released = len(MAGIC)
         while at < size:
-            if view[at:] == MAGIC if size - at == len(MAGIC) else False:
+            if size - at == len(MAGIC) and view[at:] == MAGIC:
                 return
             opcode, length = _RECORD.unpack_from(view, at) if at + _RECORD.size <= size else (0, size)
             if 0 < opcode <= Opcode.DATA_END and at + _RECORD.size + length <= size:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from data.ask import Ask
 from data.errors import BadInput, nearest
-from data.options import load_toml, option, read
+from data.options import find_toml, load_toml, option, read, shipped_names
 from data.topics import Topic
 from data.topics import listed as listed_topic
 from data.units import UNDOCUMENTED, si_unit
@@ -70,7 +70,7 @@ class Column:
     note: str = ""
     nan: str = option("refuse", choices=("refuse", "head", "keep"))
 
-    def described(self, rate_hz: float | None = None) -> Topic:
+    def described(self) -> Topic:
         """Return the recording's topic; component names default to the standard list's."""
         listed = listed_topic(self.topic)
         names = self.components or (listed.components[: len(self.columns)] if listed else self.columns)
@@ -88,7 +88,6 @@ class Column:
             frame=self.frame,
             sensor=self.sensor,
             note=note,
-            rate_hz=rate_hz,
         )
 
 
@@ -106,7 +105,7 @@ class Mapping:
 
 def names() -> list[str]:
     """Return the names of the mappings that come with the project."""
-    return sorted(path.stem for path in FOLDER.glob("*.toml"))
+    return shipped_names(FOLDER)
 
 
 def load(name: str) -> Mapping:
@@ -114,11 +113,7 @@ def load(name: str) -> Mapping:
 
     Raises BadInput naming the file and key of whatever is wrong in it.
     """
-    path = Path(name)
-    if path.suffix != ".toml":
-        if name not in names():
-            raise BadInput(f"mapping {name!r}", "is not known", nearest(name, names()) + "; or name a .toml file")
-        path = FOLDER / f"{name}.toml"
+    path = find_toml(name, FOLDER, "mapping")
     tables, text = load_toml(path)
     for key in tables:
         if key not in ("source", "format", "clock", "topic", "ask"):

@@ -45,7 +45,7 @@ def decode(messages: Messages, size: int, place: str) -> Array:
 
     Raises DamagedRecording when a message is not laid out as its topic says.
     """
-    from data.walk import gather
+    from data.compiled import gather
 
     length = layout(size).itemsize
     wrong = np.flatnonzero(messages.length != length)

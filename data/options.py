@@ -35,6 +35,24 @@ def option(
     return field(metadata=metadata) if default is MISSING else field(default=default, metadata=metadata)
 
 
+def shipped_names(folder: Path) -> list[str]:
+    """Return the names of the TOML files that come with the project in a folder."""
+    return sorted(path.stem for path in folder.glob("*.toml"))
+
+
+def find_toml(name: str | Path, folder: Path, what: str) -> Path:
+    """Return the path of a shipped file by its name, or of the user's own, which ends in .toml.
+
+    Raises BadInput with the nearest name for one that is not shipped.
+    """
+    path, names = Path(name), shipped_names(folder)
+    if path.suffix == ".toml":
+        return path
+    if str(name) not in names:
+        raise BadInput(f"{what} {str(name)!r}", "is not known", nearest(str(name), names) + "; or name a .toml file")
+    return folder / f"{name}.toml"
+
+
 def load_toml(path: Path) -> tuple[dict[str, Any], str]:
     """Return a TOML file's tables and its text. Raises BadInput naming the file, and the line of a fault."""
     with open_regular(path) as file:

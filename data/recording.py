@@ -148,6 +148,8 @@ class Recording:
         columns, unit, channel = self._columns(topic, component)
         place = f"{self.path}, {topic}"
         base = Signal(np.empty(0), np.empty(0), unit, channel.topic.frame, (), channel.topic.note, topic)
+        single = len(columns) == 1
+        names = () if single else tuple(channel.topic.components[i] for i in columns)
         last_s, total = -np.inf, 0
         for messages in self._messages(channel, start_s, end_s):
             assert channel.reader.numbers is not None
@@ -157,10 +159,7 @@ class Recording:
             if time_s[0] <= last_s:
                 check_increasing(np.array([last_s, time_s[0]]), place)
             last_s, total = time_s[-1], total + len(time_s)
-            names = tuple(channel.topic.components[i] for i in columns)
-            single = len(columns) == 1
-            value = values[:, 0] if single else values
-            yield replace(base, time_s=time_s, value=value, components=() if single else names)
+            yield replace(base, time_s=time_s, value=values[:, 0] if single else values, components=names)
         whole = start_s is None and end_s is None and self._contents.counts is not None
         if whole and total != channel.messages:
             raise DamagedRecording(place, f"holds {total} messages", f"its summary counts {channel.messages}")

@@ -372,40 +372,33 @@ def test_changed_times_and_a_changed_summary_are_noticed(recorded: Path, tmp_pat
             Recording(damaged)
 
 
-def test_time_running_backwards_from_one_chunk_to_the_next_is_refused(tmp_path: Path) -> None:
+def stamped(path: Path, *chunks: tuple[int, ...]) -> Path:
+    """Write one force at each stamp (ns), chunk by chunk, as our recorder would refuse to."""
     from mcap.writer import Writer
 
     from data import message
 
-    path = tmp_path / "back.mcap"
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start()
         schema = writer.register_schema("catheter.Force", "protobuf", message.schema("catheter.Force", ("force",)))
         channel = writer.register_channel("/force", "protobuf", schema)
-        for stamp in (2_000_000_000, 1_000_000_000):
-            writer.add_message(channel, stamp, message.encode(np.array([[1.0]])).tobytes(), stamp)
+        for stamps in chunks:
+            for stamp in stamps:
+                writer.add_message(channel, stamp, message.encode(np.array([[1.0]])).tobytes(), stamp)
             writer.flush()
         writer.finish()
+    return path
+
+
+def test_time_running_backwards_from_one_chunk_to_the_next_is_refused(tmp_path: Path) -> None:
+    path = stamped(tmp_path / "back.mcap", (2_000_000_000,), (1_000_000_000,))
     with Recording(path) as recording, pytest.raises(BadInput, match="from 1 s to 0 s"):
         list(recording.blocks("/force"))
 
 
 def test_time_running_backwards_in_a_file_is_refused(tmp_path: Path) -> None:
-    from mcap.writer import Writer
-
-    from data import message
-
-    path = tmp_path / "back.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        schema = writer.register_schema("catheter.Force", "protobuf", message.schema("catheter.Force", ("force",)))
-        channel = writer.register_channel("/force", "protobuf", schema)
-        for stamp in (0, 2_000_000_000, 1_000_000_000):
-            data = message.encode(np.array([[1.0]])).tobytes()
-            writer.add_message(channel, stamp, data, stamp)
-        writer.finish()
+    path = stamped(tmp_path / "back.mcap", (0, 2_000_000_000, 1_000_000_000))
     with Recording(path) as recording, pytest.raises(BadInput, match=r"/force, sample 2.*from 2 s to 1 s"):
         recording.signal("/force")
 

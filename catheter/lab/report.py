@@ -141,10 +141,14 @@ def _draw(report: Report, path: Path) -> None:
     figure.savefig(path, format="png", dpi=130)
 
 
+def _refuse(recording: str | None, name: str) -> None:
+    if recording is not None:
+        raise BadInput("--recording", f"given for the {name} report", "it makes its own data")
+
+
 def regression(*, quick: bool, recording: str | None, progress: Progress) -> Report:
     """Non-negative least squares on a bender's chirp whose weights are known exactly."""
-    if recording is not None:
-        raise BadInput("--recording", "given for the regression report", "it makes its own data")
+    _refuse(recording, "regression")
     from catheter.lab.studies import regression_rows
 
     return Report(
@@ -175,8 +179,7 @@ def hysteresis(*, quick: bool, recording: str | None, progress: Progress) -> Rep
 
 def recordings(*, quick: bool, recording: str | None, progress: Progress) -> Report:
     """Reading and writing recordings: ours beside the plain mcap and protobuf decoder, on the same files."""
-    if recording is not None:
-        raise BadInput("--recording", "given for the recordings report", "it makes its own data")
+    _refuse(recording, "recordings")
     from catheter.lab.throughput import recording_rows
 
     rows, notes = recording_rows((2_000, 20_000) if quick else (10_000, 100_000, 400_000), progress)
@@ -192,8 +195,7 @@ def recordings(*, quick: bool, recording: str | None, progress: Progress) -> Rep
 
 def damage(*, quick: bool, recording: str | None, progress: Progress) -> Report:
     """Damaged copies of a recording: how many are read as something else without a word."""
-    if recording is not None:
-        raise BadInput("--recording", "given for the damage report", "it makes its own data")
+    _refuse(recording, "damage")
     from catheter.lab.damage import damage_rows
 
     rows, notes = damage_rows(100 if quick else 2_500, progress)

@@ -7,7 +7,7 @@ from typing import Any
 from catheter.bench import Bench, Noise, Plant, Schedule
 from data.ask import Ask
 from data.errors import BadInput, nearest
-from data.options import load_toml, option, parse_toml, read
+from data.options import find_toml, load_toml, option, parse_toml, read, shipped_names
 
 FOLDER = Path(__file__).parents[2] / "data" / "scenes"
 
@@ -45,14 +45,7 @@ class Scene:
 
         Raises BadInput naming file, table and key of whatever is unknown or impossible in it.
         """
-        path = Path(name)
-        if path.suffix != ".toml":
-            shipped = names()
-            if str(name) not in shipped:
-                raise BadInput(
-                    f"scene {str(name)!r}", "is not known", nearest(str(name), shipped) + "; or a .toml file"
-                )
-            path = FOLDER / f"{name}.toml"
+        path = find_toml(name, FOLDER, "scene")
         return cls.parse(load_toml(path)[1], str(path))
 
     @classmethod
@@ -72,4 +65,4 @@ class Scene:
 
 def names() -> list[str]:
     """Return the names of the scenes that come with the project."""
-    return sorted(path.stem for path in FOLDER.glob("*.toml"))
+    return shipped_names(FOLDER)
