@@ -20,7 +20,7 @@ from catheter.lab.views.layout import Views, blueprint, picture_shape
 from catheter.lab.views.loops import log_loops
 from catheter.lab.views.pages import few, residual_plots, residuals_plot, response_plot, signal_plots
 from catheter.lab.views.summary import summary
-from data.errors import CannotWrite
+from data.files import cannot_write
 
 if TYPE_CHECKING:
     from catheter.lab.replay import Replay
@@ -30,7 +30,7 @@ def save(replay: "Replay", path: Path, *, progress: Callable[[float], None] | No
     """Write the dashboard of a replay to `path`, an .rrd file that is replaced.
 
     progress is called with the share that is written, rising to 1. Numbers are logged by column,
-    pictures one at a time. Raises CannotWrite for a place that cannot be written, BadInput for a
+    pictures one at a time; memory holds the dashboard until it is written. Raises CannotWrite for a place that cannot be written, BadInput for a
     recording whose pictures cannot be read.
     """
     rr.set_strict_mode(True)  # what rerun would only warn of is an error here
@@ -38,14 +38,15 @@ def save(replay: "Replay", path: Path, *, progress: Callable[[float], None] | No
     columns = collect(replay, clocks)
     # An own application for each file: the viewer keeps one blueprint for each application.
     stream = rr.RecordingStream(f"replay-{uuid4().hex}")
+    # We write the file: rerun's own writer can wait for ever on a full disk. One read, for one manifest.
+    written = rr.binary_stream(stream)
     try:
-        stream.save(path)
         _write(stream, replay, clocks, columns, _steps(replay, clocks, progress))
-        stream.flush()
+        path.write_bytes(written.read() or b"")
         if progress:
             progress(1.0)
-    except RuntimeError as error:  # rerun's only word for a disk that is full or a folder that is not there
-        raise CannotWrite(path, f"cannot be written: {error}; free space or name another place") from error
+    except OSError as error:
+        raise cannot_write(path, error) from error
     finally:
         stream.disconnect()
 
