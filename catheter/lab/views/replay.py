@@ -30,8 +30,8 @@ def save(replay: "Replay", path: Path, *, progress: Callable[[float], None] | No
     """Write the dashboard of a replay to `path`, an .rrd file that is replaced.
 
     progress is called with the share that is written, rising to 1. Numbers are logged by column,
-    pictures one at a time; memory holds the dashboard until it is written. Raises CannotWrite for a place that cannot be written, BadInput for a
-    recording whose pictures cannot be read.
+    pictures one at a time; memory holds the dashboard until it is written. Raises CannotWrite for
+    a place that cannot be written, BadInput for a recording whose pictures cannot be read.
     """
     rr.set_strict_mode(True)  # what rerun would only warn of is an error here
     clocks = Clocks()
