@@ -44,10 +44,14 @@ class Messages:
         """Return the messages of a mask."""
         return Messages(self.buffer, self.channel[kept], self.stamp_ns[kept], self.offset[kept], self.length[kept])
 
-    def content(self, index: int) -> bytes:
-        """Return one message's bytes."""
+    def view(self, index: int) -> memoryview:
+        """Return one message where it stands."""
         first = int(self.offset[index])
-        return self.buffer[first : first + int(self.length[index])].tobytes()
+        return self.buffer.data[first : first + int(self.length[index])]
+
+    def content(self, index: int) -> bytes:
+        """Return a copy of one message's bytes."""
+        return bytes(self.view(index))
 
 
 def unpack(content: bytes, place: str, most: int) -> bytes:

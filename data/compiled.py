@@ -8,7 +8,7 @@ Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _integer(buffer: Bytes, at: int, size: int) -> np.uint64:
     value = np.uint64(0)
     for i in range(size - 1, -1, -1):
@@ -16,7 +16,7 @@ def _integer(buffer: Bytes, at: int, size: int) -> np.uint64:
     return value
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def walk(  # noqa: PLR0917, compiled functions take arrays, not objects
     buffer: Bytes,
     channel: NDArray[np.uint16],
@@ -51,7 +51,7 @@ def walk(  # noqa: PLR0917, compiled functions take arrays, not objects
     return count, rest, at
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def gather(buffer: Bytes, offset: Integers, tags: Bytes, widths: Integers, out: Bytes) -> int:
     """Copy the doubles that follow each tag of each message into `out`; return a message that differs, or -1."""
     fields = len(widths)

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
+from threading import Lock
 from typing import BinaryIO
 
 import numpy as np
@@ -40,6 +41,7 @@ from data.seal import LIBRARY, SEAL, unseal
 MOST_UNPACKED = 32 << 20  # beyond the file's own size: a chunk that claims more is taken for damage
 MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")
+_ONE_AT_A_TIME = Lock()  # a file has one position, and a chunk may be read ahead
 _FOOTER_BYTES = 20
 _PRIVATE = 0x80  # opcodes from here on are anybody's
 
@@ -298,8 +300,9 @@ def parse(opcode: int, content: bytes, place: str) -> McapRecord:
 
 
 def _bytes(file: BinaryIO, place: Place, length: int, path: Path) -> bytes:
-    file.seek(place.offset)
-    content = file.read(min(length, place.length))
+    with _ONE_AT_A_TIME:
+        file.seek(place.offset)
+        content = file.read(min(length, place.length))
     if len(content) < length:
         raise DamagedRecording(f"{path}, byte {place.offset}", f"record has {len(content)} bytes, not {length}")
     return content

@@ -26,7 +26,7 @@ class Decoder(Protocol):
         """Return (n, k) values; raises DamagedRecording naming `place`."""
 
 
-Pictures = Callable[[bytes, str], tuple[bytes, str]]
+Pictures = Callable[[memoryview, str], tuple[bytes, str]]
 
 
 @dataclass(frozen=True)
@@ -78,15 +78,15 @@ def _pictures(encoding: str, name: str) -> Pictures | None:
     return _ros_picture if encoding == "cdr" and name in ROS_CAMERA else None
 
 
-def _json_picture(content: bytes, place: str) -> tuple[bytes, str]:
+def _json_picture(content: memoryview, place: str) -> tuple[bytes, str]:
     try:
-        read = json.loads(content)
+        read = json.loads(bytes(content))
         return base64.b64decode(read["data"], validate=True), str(read.get("format", ""))
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise DamagedRecording(place, "is not a foxglove.CompressedImage in JSON") from error
 
 
-def _ros_picture(content: bytes, place: str) -> tuple[bytes, str]:
+def _ros_picture(content: memoryview, place: str) -> tuple[bytes, str]:
     """Step over header (stamp, frame_id) and read format and data of a sensor_msgs/CompressedImage."""
     order = "little" if len(content) > 1 and content[1] & 1 else "big"
     at, parts = 4 + 8, []
@@ -95,6 +95,6 @@ def _ros_picture(content: bytes, place: str) -> tuple[bytes, str]:
         size = int.from_bytes(content[at : at + 4], order)  # type: ignore[arg-type]
         if at + 4 + size > len(content):
             raise DamagedRecording(place, f"has {len(content)} bytes", "expected a sensor_msgs/CompressedImage")
-        parts.append(content[at + 4 : at + 4 + size])
+        parts.append(bytes(content[at + 4 : at + 4 + size]))
         at += 4 + size
     return parts[2], parts[1].rstrip(b"\0").decode("utf-8", errors="replace").split(";")[0].strip()

@@ -30,6 +30,7 @@ from data.seal import LIBRARY
 Progress = Callable[[float], None]
 RELEASE_BYTES = 1 << 26
 _RECORD = struct.Struct("<BQ")
+DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA)
 _PACKINGS = (b"", b"zstd", b"lz4")
 
 
@@ -70,9 +71,10 @@ class Inspection:
         return not self.findings
 
 
-def inspect(path: Path, progress: Progress | None = None) -> Inspection:
+def inspect(path: Path, progress: Progress | None = None, definitions: list[Piece] | None = None) -> Inspection:
     """Read all of a recording and say what is sound, lost, and where.
 
+    definitions: takes the schemas, channels and metadata that stand outside chunks.
     Raises BadInput for what is no recording at all (empty, or not beginning like one).
     """
     findings: list[Finding] = []
@@ -86,6 +88,8 @@ def inspect(path: Path, progress: Progress | None = None) -> Inspection:
                 unverified += len(piece.records.messages) * (not piece.verified)
             elif piece.opcode == Opcode.MESSAGE:
                 messages += 1
+            elif definitions is not None and piece.opcode in DEFINITIONS:
+                definitions.append(piece)
             if progress:
                 progress(piece.offset / size)
         unverifiable = _check_whole(file, path, findings)
@@ -131,7 +135,7 @@ def _piece(view: mmap.mmap, head: tuple[int, int, int], path: Path, findings: li
             start, end = HEAD.unpack_from(content)[:2] if length >= HEAD.size else (0, 0)
             lost = f"a chunk (t = {start / 1e9:.3f} to {end / 1e9:.3f} s, {length} bytes) is lost"
             findings.append(Finding(at, f"{lost}: {error.found}"))
-    elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA, Opcode.MESSAGE, Opcode.HEADER):
+    elif opcode in (*DEFINITIONS, Opcode.MESSAGE, Opcode.HEADER):
         yield Piece(at, opcode, content)
 
 
@@ -233,7 +237,7 @@ def _check_data_checksum(file: BinaryIO, data_end: int, ours: bool, findings: li
 
 def parse(piece: Piece) -> Schema | Channel | Metadata | None:
     """Return the schema, channel or metadata of a piece; None for another, or one that cannot be read."""
-    if piece.opcode not in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA):
+    if piece.opcode not in DEFINITIONS:
         return None
     try:
         record = container.parse(piece.opcode, piece.content, "")

@@ -1,7 +1,8 @@
 """Reading recordings: columns of a topic, windows of time, pictures one by one, checksums always."""
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from data import container
 from data.chunk import Messages
+from data.container import ChunkPlace
 from data.decoders import Reader, reader
 from data.errors import BadInput, DamagedRecording, RecordingCut
 from data.files import open_regular
@@ -67,6 +69,7 @@ class Recording:
         self._file = open_regular(self.path)
         try:
             self._contents = container.walk(self._file, self.path)
+            self._verified: set[int] = set()  # chunks, by byte
             self.channels = self._describe()
             self.start_ns, self.end_ns = self._span()
             self.cut = self._contents.cut
@@ -173,8 +176,24 @@ class Recording:
             for index, time_s in enumerate(self._seconds(messages.stamp_ns).tolist()):
                 place = f"{self.path}, {topic} at t = {time_s:.3f} s"
                 assert channel.reader.pictures is not None
-                picture, kind = channel.reader.pictures(messages.content(index), place)
+                picture, kind = channel.reader.pictures(messages.view(index), place)
                 yield Picture(time_s, kind, picture)
+
+    def messages(
+        self, topic: str, *, start_s: float | None = None, end_s: float | None = None
+    ) -> Iterator[tuple[float, bytes]]:
+        """Yield any topic's messages one by one, as (seconds from the start, bytes as they were written).
+
+        For what `signal` and `pictures` cannot read: texts, unknown encodings.
+        """
+        for messages in self._messages(self._known(topic), start_s, end_s):
+            for index, time_s in enumerate(self._seconds(messages.stamp_ns).tolist()):
+                yield time_s, messages.content(index)
+
+    @property
+    def verified(self) -> str:
+        """How much of the file was read and its checksums verified so far; a window reads its own chunks only."""
+        return f"{len(self._verified)} of {len(self._contents.chunks)} chunks read and verified; `check` reads all"
 
     def to_frame(self, topics: Sequence[str] | None = None) -> "pd.DataFrame":
         """Return topics as a pandas DataFrame: index time_s, columns such as '/force [N]'.
@@ -211,7 +230,7 @@ class Recording:
         """Return the first message of a channel, which tells what a self-describing one holds."""
         for chunk in self._contents.chunks:
             if chunk.channels is None or number in chunk.channels:
-                messages = container.chunk_records(self._file, chunk, self.path).messages
+                messages = self._chunk(chunk)
                 at = np.flatnonzero(messages.channel == number)
                 if at.size:
                     return messages.content(int(at[0]))
@@ -228,11 +247,14 @@ class Recording:
         ends = [chunk.end_ns for chunk in chunks] + loose
         return (min(starts), max(ends)) if starts else (0, 0)
 
-    def _channel(self, topic: str) -> Channel:
+    def _known(self, topic: str) -> Channel:
         if topic not in self.channels:
             found = ", ".join(self.channels) or "none"
             raise BadInput(self.path, f"has no topic {topic}", f"topics are: {found}")
-        channel = self.channels[topic]
+        return self.channels[topic]
+
+    def _channel(self, topic: str) -> Channel:
+        channel = self._known(topic)
         if channel.unreadable:
             raise BadInput(f"{self.path}, {topic}", f"cannot be read: {channel.unreadable}")
         return channel
@@ -260,13 +282,28 @@ class Recording:
                 yield messages.only(kept)
 
     def _groups(self, channel: Channel, start: int, end: int) -> Iterator[Messages]:
-        for chunk in self._contents.chunks:
-            wanted = chunk.channels is None or not chunk.channels.isdisjoint(channel.ids)
-            if wanted and chunk.end_ns >= start and chunk.start_ns < end:
-                yield container.chunk_records(self._file, chunk, self.path).messages
+        chunks = (c for c in self._contents.chunks if c.channels is None or not c.channels.isdisjoint(channel.ids))
+        yield from self._ahead(chunk for chunk in chunks if chunk.end_ns >= start and chunk.start_ns < end)
         for place in self._contents.loose:
             one = container.loose_message(self._file, place, self.path)
             yield Messages.of_one(one.channel_id, one.log_time, one.data)
+
+    def _ahead(self, chunks: Iterable[ChunkPlace]) -> Iterator[Messages]:
+        """Yield the chunks' messages; a thread unpacks and checks each while the one before is used."""
+        with ThreadPoolExecutor(1) as pool:
+            before = None
+            for chunk in chunks:
+                following = pool.submit(self._chunk, chunk)
+                if before:
+                    yield before.result()
+                before = following
+            if before:
+                yield before.result()
+
+    def _chunk(self, chunk: ChunkPlace) -> Messages:
+        messages = container.chunk_records(self._file, chunk, self.path).messages
+        self._verified.add(chunk.place.offset)
+        return messages
 
     def _nanoseconds(self, time_s: float | None, otherwise: int) -> int:
         """Return the stamp of a time: the one that a sample at that time was rounded to."""

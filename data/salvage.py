@@ -39,11 +39,12 @@ def salvage(path: Path, out: Path, *, replace: bool = False, progress: Progress 
     from mcap.writer import CompressionType, Writer
 
     check_inputs(out, path)
-    found = inspect(path, progress)
+    definitions: list[Piece] = []  # the summary repeats what a lost chunk held
+    found = inspect(path, progress, definitions)
     with fresh(out, replace) as temporary, temporary.open("wb") as target, open_regular(path) as file:
         copy = _Copy(Writer(target, compression=CompressionType.ZSTD, enable_data_crcs=True))
         copy.writer.start(library=LIBRARY)
-        for piece in _definitions(path):
+        for piece in definitions:
             _define(piece, copy)
         for piece in scan(file, path, []):
             _copy(piece, copy, path)
@@ -52,13 +53,6 @@ def salvage(path: Path, out: Path, *, replace: bool = False, progress: Progress 
         copy.writer.add_metadata("salvage", seal("salvage", _report(found, copy, path)))
         copy.writer.finish()
     return found
-
-
-def _definitions(path: Path) -> list[Piece]:
-    """Return the schemas, channels and metadata outside chunks: the summary repeats what a lost chunk held."""
-    kinds = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA)
-    with open_regular(path) as file:
-        return [piece for piece in scan(file, path, []) if piece.opcode in kinds]
 
 
 def _define(piece: Piece, copy: _Copy) -> None:

@@ -11,7 +11,9 @@ from mcap.writer import Writer
 
 from data.cdr import PRIMITIVES, cdr
 from data.chunk import Messages
+from data.decimals import number, powers
 from data.errors import BadInput, DamagedRecording
+from data.json_messages import json_decoder
 from data.recording import Recording
 
 DRAW = np.random.default_rng(12)
@@ -126,6 +128,69 @@ def written(path: Path, encoding: str, schema: tuple[str, str, bytes], messages:
             writer.add_message(channel, i * 10**7, content, i * 10**7)
         writer.finish()
     return path
+
+
+def decimal_texts(count: int) -> list[str]:
+    draw = np.random.default_rng(8)
+    texts = [repr(x) for x in draw.integers(0, 2**64, count, np.uint64).view(np.float64).tolist() if np.isfinite(x)]
+    texts += [repr(float(x)) for x in draw.normal(size=count) * 10.0 ** draw.integers(-20, 20, count)]
+    texts += [
+        f"{m}e{q}" for m, q in zip(draw.integers(-(2**63), 2**63, count), draw.integers(-345, 310, count), strict=True)
+    ]
+    halfway = (2 * draw.integers(2**52, 2**53, count) + 1).tolist()  # between two doubles: to even
+    texts += [f"{m}e{q}" for m, q in zip(halfway, draw.integers(0, 24, count).tolist(), strict=True)]
+    texts += [str(m) for m in halfway] + [f"{m / 2}" for m in range(-9, 9)]
+    return [*texts, "0", "-0", "-0.0e9", "5e-324", "1.7976931348623159e308", "123456789012345678901234567890"]
+
+
+def test_decimals_are_the_nearest_doubles_or_left_to_python() -> None:
+    texts = decimal_texts(20_000)
+    left = 0
+    for text in texts:
+        end, bits = number(np.frombuffer(text.encode(), np.uint8), 0, len(text), powers())
+        left += end < 0
+        if end >= 0:
+            assert end == len(text)
+            assert struct.pack("<Q", int(bits)) == struct.pack("<d", float(text)), text
+    assert left < 0.1 * len(texts)
+
+
+@pytest.mark.parametrize("text", ["01", "-", "1.", ".5", "1e", "1e+", "--1", "+1", "", " 1", "-01", "1.e5", "00", "x"])
+def test_what_json_does_not_call_a_number_is_none(text: str) -> None:
+    end, _ = number(np.frombuffer(text.encode(), np.uint8), 0, len(text), powers())
+    assert end < len(text) or not text
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [
+        '{"b": 2.5, "a": 1.5}',  # another order
+        '{"a": 1.5, "b": 2.5, "c": 9}',
+        '{"a": 7, "a": 1.5, "b": 2.5}',  # the last counts
+        ' {"a" :\t1.5,\n"b":25e-1 } ',
+        '{"t": "a\\"b 3", "a": 1.5, "b": 2.5}',
+        '{"t": "\u00e9 1", "a": 1.5, "b": 2.5}',
+        '{"t": [1, 2, {"a": 3}], "a": 1.5, "b": 2.5}',
+        '{"a": 1.5, "b": 2.5000000000000000000000000001}',
+    ],
+)
+@pytest.mark.parametrize("code", ["utf-8", "utf-16"])
+def test_json_of_any_shape_reads_as_the_json_package_does(odd: str, code: str) -> None:
+    contents = [text.encode(code) for text in ['{"a": 3.5, "b": 4.5}', odd, '{"a": null, "b": true}', odd] * 3]
+    read = json_decoder("x", contents[0]).decode(messages_of(contents), "here")
+    np.testing.assert_array_equal(read, [[3.5, 4.5], [1.5, 2.5], [np.nan, 1.0], [1.5, 2.5]] * 3)
+
+
+def test_digits_of_two_bytes_are_not_taken_for_numbers() -> None:
+    contents = [text.encode("utf-16") for text in ('{"a": 0.0, "b": 0.0}', '{"a": 0.5, "b": 0.0}')]
+    assert json_decoder("x", contents[0]).decode(messages_of(contents), "here").tolist() == [[0.0, 0.0], [0.5, 0.0]]
+
+
+def test_a_broken_json_message_is_damage_wherever_it_stands() -> None:
+    sound = b'{"a": 1.5}'
+    for broken in (b'{"a": 1.5', b'{"a": 1.5}}', b'{"a": 01.5}', b'{"a": 1.5e}', b"", b'{"a": 1.5} x'):
+        with pytest.raises(DamagedRecording, match="message 3.*is not JSON"):
+            json_decoder("x", sound).decode(messages_of([sound, sound, sound, broken, sound]), "here")
 
 
 @pytest.mark.parametrize("tidy", [True, False])

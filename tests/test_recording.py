@@ -412,6 +412,30 @@ def test_a_foreign_topic_is_listed_and_refused_by_its_encoding(real: Path) -> No
             recording.signal(next(iter(recording.channels)))
 
 
+def test_every_message_of_the_real_bags_is_iterated_even_where_its_numbers_cannot_be_had(real: Path) -> None:
+    texts = set()
+    for path in sorted((real / "mcap").glob("*.mcap")):
+        with Recording(path) as recording, path.open("rb") as file:
+            plain: dict[str, list[bytes]] = {}
+            for _, channel, message in make_reader(file).iter_messages(log_time_order=False):
+                plain.setdefault(channel.topic, []).append(message.data)
+            for topic in recording.channels:
+                assert [content for _, content in recording.messages(topic)] == plain.get(topic, [])
+            texts |= {topic for topic, channel in recording.channels.items() if channel.unreadable}
+    assert texts  # std_msgs/String among them
+
+
+def test_a_window_says_that_it_verified_only_what_it_read(recorded: Path) -> None:
+    with Recording(recorded) as recording:
+        total = len(recording._contents.chunks)
+        recording.signal("/force", start_s=0.0, end_s=0.01)
+        assert recording.verified.startswith(f"1 of {total} chunks")
+        recording.signal("/force")
+        recording.signal("/force")
+        assert recording.verified.startswith(f"{total} of {total} chunks")
+        assert total > 1
+
+
 def test_rerun_opens_our_recording_by_itself_and_shows_frames(tmp_path: Path) -> None:
     import cv2
 

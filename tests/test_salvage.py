@@ -60,7 +60,8 @@ def test_cut_anywhere_every_message_of_every_complete_chunk_comes_back(tmp_path:
             assert len(back) >= whole
 
 
-def test_complete_blocks_of_the_open_chunk_come_back_marked_unverified(tmp_path: Path) -> None:
+@pytest.mark.parametrize("exactly", [True, False])
+def test_complete_blocks_of_the_open_chunk_come_back_marked_unverified(tmp_path: Path, exactly: bool) -> None:
     path, cut, out = tmp_path / "a.mcap", tmp_path / "cut.mcap", tmp_path / "out.mcap"
     values = record(path, 1, 100_000, flush=False)
     content = path.read_bytes()
@@ -68,11 +69,12 @@ def test_complete_blocks_of_the_open_chunk_come_back_marked_unverified(tmp_path:
         chunks = recording._contents.chunks
         place = next(chunk.place for chunk in chunks if chunk.place.offset + chunk.place.length > 0.6 * len(content))
         complete = sum(chunk.place.offset < place.offset for chunk in chunks)
-    cut.write_bytes(content[: place.offset + 3 * place.length // 4])
+        whole = sum(len(recording._chunk(chunk)) for chunk in chunks[:complete])
+    cut.write_bytes(content[: 6 * len(content) // 10 if exactly else place.offset + 3 * place.length // 4])
     found = inspect(cut)
-    assert found.chunks == complete
+    assert (found.chunks, found.messages) == (complete, whole)
     # three quarters of the bytes, in blocks of 128 kB of a megabyte: at least half of the chunk's messages
-    assert found.unverified_messages > 0.5 * (1 << 20) / 40
+    assert found.unverified_messages > (0 if exactly else 0.5 * (1 << 20) / 40)
     back = saved(cut, out)
     assert back == values[: len(back)]
     assert len(back) == found.messages + found.unverified_messages
