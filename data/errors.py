@@ -25,6 +25,10 @@ class DamagedRecording(BadInput):
     """A recording whose bytes are not the bytes that were written."""
 
 
+class DidNotConverge(CatheterError):
+    """A computation that found no answer it can vouch for: the message has the numbers and a remedy."""
+
+
 class CannotWrite(CatheterError):
     """An output that would overwrite something, or a place that cannot be written."""
 

@@ -4,7 +4,7 @@ import math
 import tomllib
 import types
 from collections.abc import Mapping
-from dataclasses import MISSING, field, fields
+from dataclasses import MISSING, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
@@ -97,8 +97,10 @@ def read(kind: type[T], table: object, place: str) -> T:
 
 
 def _convert(value: object, hint: Any, metadata: Mapping[str, Any], place: str) -> object:
-    if isinstance(hint, types.UnionType):  # X | None: TOML has no null, so a value given is an X
-        hint = next(part for part in get_args(hint) if part is not types.NoneType)
+    if isinstance(hint, types.UnionType):
+        hint = _alternative(value, [part for part in get_args(hint) if part is not types.NoneType])
+    if is_dataclass(hint):
+        return read(hint, value, place)  # type: ignore[arg-type]
     if get_origin(hint) is tuple:
         if not isinstance(value, list):
             raise BadInput(place, f"is {value!r:.60}", "expected a list")
@@ -115,6 +117,14 @@ def _convert(value: object, hint: Any, metadata: Mapping[str, Any], place: str) 
         raise BadInput(place, f"is {value}", "expected a finite number")
     _check(value, metadata, place)
     return value
+
+
+def _alternative(value: object, hints: list[Any]) -> Any:
+    """Return the X of X | None (TOML has no null), and of several kinds of table the first with all the keys given."""
+    for hint in hints[1:] and hints:
+        if is_dataclass(hint) and isinstance(value, Mapping) and value.keys() <= {f.name for f in fields(hint)}:
+            return hint
+    return hints[0]
 
 
 def _check(value: Any, metadata: Mapping[str, Any], place: str) -> None:

@@ -1,0 +1,408 @@
+"""The compiled circuit: Rodas5P steps with tridiagonal solves, their exact derivatives, dense output.
+
+Everything compiled stands in this one file, because numba's cache does not see a change in another.
+
+A circuit is a table (N, W), one row a segment, all SI: see the column names below. The state x (N,)
+is V/V_rest - 1. A drive is m pieces: `breaks` (m+1,) in s, `pieces` (m, 4) the coefficients of
+u = a + b s + c s^2 + d s^3 in Pa with s the seconds since the piece began.
+
+Directions: besides x itself ("column" 0) M derivatives of x are carried, each along its own
+tangent (2N,): relative changes of the N flow coefficients, then of the N stiffness factors. A Rosenbrock
+step applied to the variational equation is the exact derivative of the step applied to x, so
+these are derivatives of the numbers computed, not approximations beside them.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+# columns of a circuit's table; the coefficients c0, c1, ... of the pressure fill the rest
+VOLUME, FLOW, TRANSITION, FORWARD, REVERSE, CRACKING, STIFFNESS, LOW, HIGH, FIRST = range(10)
+
+DONE, TOO_MANY, UNDERFLOW, NOT_FINITE, EMPTIED = range(5)
+
+LOCAL = 0.1  # a step's share of the tolerance, so that the sum of all steps, and the dense output, meet it
+STAGES = 8
+ORDER = 5
+# Rodas5P: order 5(4), L-stable, stiffly accurate; dense output of order 4.
+# G. Steinebach, Construction of Rosenbrock-Wanner method Rodas5P, BIT Numer. Math. 63:27 (2023).
+GAMMA = 0.21193756319429014
+_A6 = (-7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256, 0.030198172008377946)
+_A = (
+    (),
+    (3.0,),
+    (2.849394379747939, 0.45842242204463923),
+    (-6.954028509809101, 2.489845061869568, -10.358996098473584),
+    (2.8029986275628964, 0.5072464736228206, -0.3988312541770524, -0.04721187230404641),
+    _A6,
+    (*_A6, 1.0),
+    (*_A6, 1.0, 1.0),
+)
+_C = (
+    (),
+    (-14.155112264123755,),
+    (-17.97296035885952, -2.859693295451294),
+    (147.12150275711716, -1.41221402718213, 71.68940251302358),
+    (165.43517024871676, -0.4592823456491126, 42.90938336958603, -5.961986721573306),
+    (24.854864614690072, -3.0009227002832186, 47.4931110020768, 5.5814197821558125, -0.6610691825249471),
+    (
+        *(30.91273214028599, -3.1208243349937974, 77.79954646070892, 34.28646028294783),
+        *(-19.097331116725623, -28.087943162872662),
+    ),
+    (
+        *(37.80277123390563, -3.2571969029072276, 112.26918849496327, 66.9347231244047),
+        *(-40.06618937091002, -54.66780262877968, -9.48861652309627),
+    ),
+)
+A = np.array([[*row, *[0.0] * (STAGES - len(row))] for row in _A])
+C = np.array([[*row, *[0.0] * (STAGES - len(row))] for row in _C])
+ALPHA = np.array([0.0, 0.6358126895828704, 0.4095798393397535, 0.9769306725060716, 0.4288403609558664, 1.0, 1.0, 1.0])
+G = np.array([GAMMA, -0.42387512638858027, -0.3384627126235924, 1.8046452872882734, 2.325825639765069, 0.0, 0.0, 0.0])
+H = np.array(
+    [
+        *(25.948786856663858, -2.5579724845846235, 10.433815404888879, -2.3679251022685204),
+        *(0.524948541321073, 1.1241088310450404, 0.4272876194431874, -0.17202221070155493),
+        *(-9.91568850695171, -0.9689944594115154, 3.0438037242978453, -24.495224566215796),
+        *(20.176138334709044, 15.98066361424651, -6.789040303419874, -6.710236069923372),
+        *(11.419903575922262, 2.8879645146136994, 72.92137995996029, 80.12511834622643),
+        *(-52.072871366152654, -59.78993625266729, -0.15582684282751913, 4.883087185713722),
+    ]
+).reshape(3, STAGES)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def pressure(table: Array, k: int, x: float) -> tuple[float, float, float]:
+    """Return P, P', P'' of accumulator k [Pa]: a polynomial (thesis eq. 3.3), linear beyond LOW and HIGH."""
+    inside = min(max(x, table[k, LOW]), table[k, HIGH])
+    p = slope = bend = 0.0
+    for j in range(table.shape[1] - 1, FIRST - 1, -1):
+        bend = bend * inside + 2 * slope
+        slope = slope * inside + p
+        p = p * inside + table[k, j]
+    scale = table[k, STIFFNESS]
+    if inside == x:
+        return scale * p, scale * slope, scale * bend
+    return scale * (p + slope * (x - inside)), scale * slope, 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _excess(table: Array, k: int, drop: float) -> float:
+    """Return how far a drop is beyond the cracking pressure on its side; 0 while the valve is shut."""
+    if drop > table[k, FORWARD]:
+        return float(drop - table[k, FORWARD])
+    if drop < -table[k, REVERSE]:
+        return float(drop + table[k, REVERSE])
+    return 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def plain_flow(table: Array, k: int, drop: float) -> float:
+    """Return the flow alone [m^3/s]."""
+    d = table[k, TRANSITION]
+    if table[k, CRACKING] == 0.0:
+        return float(table[k, FLOW] * drop / np.sqrt(np.sqrt(drop * drop + d * d)))
+    e = _excess(table, k, drop)
+    w = e * e + d * d
+    return float(table[k, FLOW] * e * abs(e) / (np.sqrt(w) * np.sqrt(np.sqrt(w))))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def flow(table: Array, k: int, drop: float) -> tuple[float, float, float]:
+    """Return Q, Q', Q'' over the drop of valve k [m^3/s].
+
+    Orifice: Q = K p/(p^2+d^2)^(1/4) (thesis eq. 3.7, laminar below the transition d). Cracking
+    valve: Q = K e|e|/(e^2+d^2)^(3/4), e the drop beyond the cracking pressure.
+    """
+    factor, d = table[k, FLOW], table[k, TRANSITION]
+    e = drop if table[k, CRACKING] == 0.0 else _excess(table, k, drop)
+    w = e * e + d * d
+    root = np.sqrt(np.sqrt(w))
+    if table[k, CRACKING] == 0.0:
+        lift, scale = 0.5 * e * e + d * d, factor / (w * root)
+        return factor * e / root, lift * scale, e * (1.0 - 2.5 * lift / w) * scale
+    scale = factor / (root * root * root)
+    ratio = e * e / w
+    return (
+        e * abs(e) * scale,
+        abs(e) * (2.0 - 1.5 * ratio) * scale,
+        np.sign(e) * (2.0 - 7.5 * ratio + 5.25 * ratio * ratio) * scale,
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def source_at(pieces: Array, i: int, s: float) -> tuple[float, float]:
+    """Return u [Pa] and du/dt at s seconds into piece i."""
+    a, b, c, d = pieces[i, 0], pieces[i, 1], pieces[i, 2], pieces[i, 3]
+    return a + s * (b + s * (c + s * d)), b + s * (2 * c + 3 * s * d)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _links(table: Array, x: Array, source: float, link: Array) -> None:
+    """Set link (6, N) to P, P', P'' of each accumulator at x (N, ...) and Q, Q', Q'' of the valve before it."""
+    before = source
+    for k in range(len(table)):
+        link[0, k], link[1, k], link[2, k] = pressure(table, k, x[k])
+        link[3, k], link[4, k], link[5, k] = flow(table, k, before - link[0, k])
+        before = link[0, k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _plain_links(table: Array, x: Array, source: float, link: Array) -> None:
+    """Set only the rows P and Q of link (6, N)."""
+    before, last = source, table.shape[1] - 1
+    for k in range(len(table)):
+        if table[k, LOW] <= x[k] <= table[k, HIGH]:
+            here = table[k, last]
+            for j in range(last - 1, FIRST - 1, -1):
+                here = here * x[k] + table[k, j]
+            here *= table[k, STIFFNESS]
+        else:
+            here = pressure(table, k, x[k])[0]
+        link[0, k], link[3, k] = here, plain_flow(table, k, before - here)
+        before = here
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_derivative(  # noqa: PLR0917, compiled functions take arrays, not objects
+    table: Array, link: Array, s: Array, m: int, tangent: Array, out: Array, i: int
+) -> None:
+    """Add the derivative of dx/dt along column m of s and its tangent to out[i]."""
+    n = len(table)
+    before, at = 0.0, m * n
+    for k in range(n):
+        here = link[1, k] * s[at + k] + link[0, k] * tangent[m - 1, n + k]
+        q = link[4, k] * (before - here) + link[3, k] * tangent[m - 1, k]
+        out[i, at + k] += q / table[k, VOLUME]
+        if k > 0:
+            out[i, at + k - 1] -= q / table[k - 1, VOLUME]
+        before = here
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_second(  # noqa: PLR0917
+    table: Array, link: Array, s: Array, m: int, tangent: Array, source_v: float, out: Array, i: int
+) -> None:
+    """Add to out[i] the second derivative of dx/dt along (s, tangent) and along column 0 of out[i] with the source."""
+    n = len(table)
+    s_before, v_before, both_before, at = 0.0, source_v, 0.0, m * n
+    for k in range(n):
+        stiffer, v = tangent[m - 1, n + k], out[i, k]
+        s_here = link[1, k] * s[at + k] + link[0, k] * stiffer
+        v_here = link[1, k] * v
+        both_here = (link[2, k] * s[at + k] + link[1, k] * stiffer) * v
+        v_drop, wider = v_before - v_here, tangent[m - 1, k]
+        q = (link[5, k] * (s_before - s_here) + link[4, k] * wider) * v_drop + link[4, k] * (both_before - both_here)
+        out[i, at + k] += q / table[k, VOLUME]
+        if k > 0:
+            out[i, at + k - 1] -= q / table[k - 1, VOLUME]
+        s_before, v_before, both_before = s_here, v_here, both_here
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _factor(table: Array, link: Array, shift: float, lu: Array) -> None:
+    """Factor shift - J, tridiagonal, into lu (3, N): lower factor, 1/pivot, upper entry.
+
+    J is a compartment matrix and shift > 0, so the pivots stay positive without exchanging rows.
+    """
+    n = len(table)
+    for k in range(n):
+        diagonal = link[4, k]
+        if k + 1 < n:
+            diagonal += link[4, k + 1]
+            lu[2, k] = -link[4, k + 1] * link[1, k + 1] / table[k, VOLUME]
+        diagonal = shift + diagonal * link[1, k] / table[k, VOLUME]
+        if k > 0:
+            lu[0, k] = -link[4, k] * link[1, k - 1] / table[k, VOLUME] * lu[1, k - 1]
+            diagonal -= lu[0, k] * lu[2, k - 1]
+        lu[1, k] = 1.0 / diagonal
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _solve(lu: Array, b: Array, i: int, at: int) -> None:
+    """Solve in place for b[i, at : at + N]."""
+    n = lu.shape[1]
+    for k in range(1, n):
+        b[i, at + k] -= lu[0, k] * b[i, at + k - 1]
+    b[i, at + n - 1] *= lu[1, n - 1]
+    for k in range(n - 2, -1, -1):
+        b[i, at + k] = (b[i, at + k] - lu[2, k] * b[i, at + k + 1]) * lu[1, k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _stages(  # noqa: PLR0917
+    table: Array,
+    pieces: Array,
+    index: int,
+    s: float,
+    h: float,
+    z: Array,
+    tangent: Array,
+    base: Array,
+    link: Array,
+    lu: Array,
+    y: Array,
+    u: Array,
+) -> None:
+    """Set u (8, (1+M) N), the stages of one step of h seconds from z ((1+M) N,); `base` (6, N) belongs to z."""
+    n = len(table)
+    rate, per_h, size = source_at(pieces, index, s)[1], 1.0 / h, len(z)
+    _factor(table, base, 1.0 / (GAMMA * h), lu)
+    push = base[4, 0] * rate / table[0, VOLUME] * h
+    for i in range(STAGES):
+        for k in range(size):
+            y[k] = z[k]
+            u[i, k] = 0.0
+        for j in range(i):
+            a, c = A[i, j], C[i, j] * per_h
+            for k in range(size):
+                y[k] += a * u[j, k]
+                u[i, k] += c * u[j, k]
+        source = source_at(pieces, index, s + ALPHA[i] * h)[0]
+        if size > n:
+            _links(table, y, source, link)
+        else:
+            _plain_links(table, y, source, link)
+        for k in range(n):
+            onward = link[3, k + 1] if k + 1 < n else 0.0
+            u[i, k] += (link[3, k] - onward) / table[k, VOLUME]
+        u[i, 0] += G[i] * push
+        _solve(lu, u, i, 0)
+        for m in range(1, size // n):
+            _add_derivative(table, link, y, m, tangent, u, i)
+            _add_second(table, base, z, m, tangent, G[i] * h * rate, u, i)
+            _solve(lu, u, i, m * n)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _grown(array: Array) -> Array:
+    larger = np.empty((2 * len(array), *array.shape[1:]))
+    larger[: len(array)] = array
+    return larger
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _first_step(table: Array, link: Array, tolerance: float, length: float) -> float:
+    """Return a first step after a jump, from the fastest change of a volume."""
+    n, fastest = len(table), 1e-300
+    for k in range(n):
+        onward = link[3, k + 1] if k + 1 < n else 0.0
+        fastest = max(fastest, abs(link[3, k] - onward) / table[k, VOLUME])
+    return float(min(0.1 * tolerance ** (1.0 / ORDER) / fastest, length))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def integrate(  # noqa: PLR0912, PLR0917, one loop reads better than its parts
+    table: Array, breaks: Array, pieces: Array, start: Array, tangent: Array, tolerance: float, most: int
+) -> tuple[int, int, int, int, Array, Array, Array, Array]:
+    """Integrate from start ((1+M) N,) over all pieces of the drive, restarting at every break.
+
+    Returns status, where (the segment at fault, or -1), steps taken, steps tried, and per step its
+    time, width, columns (steps+1, (1+M) N) and dense output (steps, 3, (1+M) N). The estimated
+    error of a step in V/V_rest, relative above 1, stays below `tolerance` times LOCAL.
+    """
+    tolerance = tolerance * LOCAL
+    size, n = len(start), len(table)
+    capacity = 128
+    time, width = np.empty(capacity), np.empty(capacity)
+    state, dense = np.empty((capacity + 1, size)), np.empty((capacity, 3, size))
+    base, link, lu = np.empty((6, n)), np.empty((6, n)), np.empty((3, n))
+    y, z, u = np.empty(size), start.copy(), np.empty((STAGES, size))
+    state[0] = start
+    count = tried = 0
+    h, before = 0.0, np.nan
+    for index in range(len(pieces)):
+        length, s = breaks[index + 1] - breaks[index], 0.0
+        source = source_at(pieces, index, 0.0)[0]
+        _links(table, z, source, base)
+        if not abs(source - before) <= 1e-9 * abs(source):
+            h = _first_step(table, base, tolerance, length)
+        while s < length:
+            last = s + 1.01 * h >= length
+            step = length - s if last else h
+            tried += 1
+            if tried > most or step < 1e-15 * s or step < 1e-250:
+                status = TOO_MANY if tried > most else UNDERFLOW
+                return status, -1, count, tried, time, width, state, dense
+            _stages(table, pieces, index, s, step, z, tangent, base, link, lu, y, u)
+            error = 0.0
+            for k in range(n):
+                ratio = abs(u[STAGES - 1, k]) / (tolerance * max(1.0, abs(1.0 + z[k])))
+                error = ratio if not ratio <= error else error
+            factor = 0.9 * max(error, 1e-12) ** (-1.0 / ORDER) if np.isfinite(error) else 0.1
+            if not error <= 1.0:
+                h = step * max(0.1, factor)
+                continue
+            h = max(h, step * min(8.0, factor)) if last else step * min(8.0, factor)
+            if count == capacity:
+                time, width, dense, state = _grown(time), _grown(width), _grown(dense), _grown(state)
+                capacity *= 2
+            time[count], width[count] = breaks[index] + s, step
+            for i in range(3):
+                for k in range(size):
+                    dense[count, i, k] = 0.0
+                for j in range(STAGES):
+                    for k in range(size):
+                        dense[count, i, k] += H[i, j] * u[j, k]
+            count += 1
+            for k in range(size):
+                z[k] = y[k] + u[STAGES - 1, k]
+                state[count, k] = z[k]
+            for k in range(n):
+                if not z[k] > -1.0:
+                    return (EMPTIED if z[k] <= -1.0 else NOT_FINITE), k, count, tried, time, width, state, dense
+            s = length if last else s + step
+            before = source_at(pieces, index, s)[0]
+            _links(table, z, before, base)
+    return DONE, -1, count, tried, time, width, state, dense
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def rest_at(table: Array, k: int, target: float) -> float:
+    """Return the x at which accumulator k holds a pressure [Pa]; its law rises, so bisection finds it.
+
+    Returns -1 where the pressure would empty it, inf where 2^20 rest volumes do not hold it.
+    """
+    low, high = -1.0, 1.0
+    if pressure(table, k, low)[0] >= target:
+        return low
+    while pressure(table, k, high)[0] < target:
+        if high > 1e6:
+            return np.inf
+        low, high = high, 2.0 * high
+    while True:
+        middle = 0.5 * (low + high)
+        if middle in (low, high):
+            return middle
+        if pressure(table, k, middle)[0] < target:
+            low = middle
+        else:
+            high = middle
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def slopes(table: Array, x: Array, source: float, out: Array, jacobian: Array) -> None:
+    """Set out (N,) to dx/dt and jacobian (N, N) to its derivative, for solvers other than ours."""
+    n = len(table)
+    link = np.empty((6, n))
+    _links(table, x, source, link)
+    for k in range(n):
+        onward = k + 1 < n
+        out[k] = (link[3, k] - (link[3, k + 1] if onward else 0.0)) / table[k, VOLUME]
+        jacobian[k, k] = -(link[4, k] + (link[4, k + 1] if onward else 0.0)) * link[1, k] / table[k, VOLUME]
+        if k > 0:
+            jacobian[k, k - 1] = link[4, k] * link[1, k - 1] / table[k, VOLUME]
+        if onward:
+            jacobian[k, k + 1] = link[4, k + 1] * link[1, k + 1] / table[k, VOLUME]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def flows(table: Array, x: Array, source: Array) -> Array:
+    """Return the flow through each valve [m^3/s], (m, N), for states x (m, N) and sources (m,)."""
+    out, link = np.empty_like(x), np.empty((6, len(table)))
+    for i in range(len(x)):
+        _links(table, x[i], source[i], link)
+        out[i] = link[3]
+    return out
