@@ -1,0 +1,306 @@
+"""The whole-marker fit's compiled loops: picture model, analytic Jacobian, normal equations.
+
+Shared parameters, 13: the homography's compositional step in marker coordinates (x, y shift; x by x,
+x by y, y by x, y by y; two of perspective), logarithms of the size and of the blurs along x and y,
+how much steeper the light's slopes along x and y are inside the blobs (ink answers less to light).
+A blob's own, 4: grey outside, grey inside, slopes of the light along x and y.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from data.signal import Array
+from vision.pattern import BLOBS
+
+SHARED, OWN = 13, 4
+BLOB_X, BLOB_Y = np.ascontiguousarray(BLOBS[:, 0]), np.ascontiguousarray(BLOBS[:, 1])
+CENTRE = 1 / 3  # of the three blobs: the origin of the steps, x and y
+OUT, IN, SLOPE_U, SLOPE_V = range(4)  # a blob's own
+BATCH = 8  # rows that are added at once
+ROW = 24  # a row of the Jacobian, 17 long, in whole vector registers
+FLAT = 4.5  # blurs from an edge where its slope is 4e-5 of the greatest
+BINS = 512
+BAD = 0.4  # of the contrast: a pixel that differs so much from the model is none of this marker
+TRIM = 4.0  # noises beyond which a pixel is left out
+# What is counted for each blob.
+EDGE, RESIDUAL, INSIDE, BAD_INSIDE, OUTSIDE, BAD_OUTSIDE, COUNTS = range(7)
+
+
+@njit(cache=True, inline="always", error_model="numpy")
+def _normal(t: float) -> tuple[float, float]:
+    """Return the normal distribution's cdf and density."""
+    if t > 5.5:
+        return 1.0, 0.0
+    if t < -5.5:
+        return 0.0, 0.0
+    return 0.5 * math.erfc(-t * 0.7071067811865476), 0.3989422804014327 * math.exp(-0.5 * t * t)
+
+
+@njit(cache=True, error_model="numpy")
+def model_at(
+    u: float, v: float, shape: Array, steeper: Array, light: Array, rings: Array, row: Array
+) -> float:
+    """Return the grey at a place in a blob's own coordinates; `row` takes the derivatives.
+
+    shape: half side and two blurs, plane units. steeper (2,) and light (4,): grey.
+    row (11,): by u, v, log half, two log blurs, steeper, light.
+    """
+    half, blur_u, blur_v = shape
+    ink = ink_u = ink_v = ink_h = ink_a = ink_b = 0.0
+    sharp_u, sharp_v = 1 / blur_u, 1 / blur_v
+    for r in range(rings.shape[0]):
+        h, weight = half * rings[r, 0], rings[r, 1]
+        tl, tr = (u + h) * sharp_u, (u - h) * sharp_u
+        cl, dl = _normal(tl)
+        cr, dr = _normal(tr)
+        bl, br = (v + h) * sharp_v, (v - h) * sharp_v
+        ct, dt = _normal(bl)
+        cb, db = _normal(br)
+        pu, pv = cl - cr, ct - cb
+        ink += weight * pu * pv
+        ink_u += weight * pv * (dl - dr) * sharp_u
+        ink_v += weight * pu * (dt - db) * sharp_v
+        ink_h += weight * h * (pv * (dl + dr) * sharp_u + pu * (dt + db) * sharp_v)
+        ink_a += weight * pv * (tr * dr - tl * dl)
+        ink_b += weight * pu * (br * db - bl * dt)
+    contrast = light[IN] - light[OUT] + steeper[0] * u + steeper[1] * v
+    row[0] = contrast * ink_u + light[SLOPE_U] + steeper[0] * ink
+    row[1] = contrast * ink_v + light[SLOPE_V] + steeper[1] * ink
+    row[2], row[3], row[4] = contrast * ink_h, contrast * ink_a, contrast * ink_b
+    row[5], row[6] = ink * u, ink * v
+    row[7], row[8], row[9], row[10] = 1 - ink, ink, u, v
+    return light[OUT] + light[SLOPE_U] * u + light[SLOPE_V] * v + contrast * ink
+
+
+@njit(cache=True, error_model="numpy")
+def accumulate(
+    picture: NDArray[np.uint8],
+    plane: Array,
+    shape: Array,
+    steeper: Array,
+    light: Array,
+    rings: Array,
+    margin: float,
+    limit: float,
+    normal: Array,
+    right: Array,
+    counts: Array,
+    histogram: NDArray[np.int64],
+    bin_grey: float,
+) -> None:
+    """Sum the normal equations of every blob over its pixels.
+
+    plane: plane from picture, (3, 3), origin at the corner blob. shape: half side and two blurs in
+    plane units. margin: how far outside a blob pixels count, in plane units. limit: largest
+    residual that counts. normal (3, 24, 24) and right (3, 24) take J'J and J'r, shared parameters
+    before a blob's own; counts (3, COUNTS); histogram: of absolute residuals near edges.
+    """
+    half, blur_u, blur_v = shape
+    reach = half + margin
+    picture_from = np.linalg.inv(plane)
+    part, rows, residuals, filled = np.zeros(11), np.zeros((BATCH, ROW)), np.zeros(BATCH), 0
+    normal[:], right[:], counts[:], histogram[:] = 0.0, 0.0, 0.0, 0
+    for b in range(3):
+        x0, y0, x1, y1 = _box(picture_from, BLOB_X[b], BLOB_Y[b], reach, picture.shape)
+        n, g, c, own = normal[b], right[b], counts[b], light[b]
+        for y in range(y0, y1 + 1):
+            for x in range(x0, x1 + 1):
+                depth = 1.0 / (plane[2, 0] * x + plane[2, 1] * y + plane[2, 2])
+                px = (plane[0, 0] * x + plane[0, 1] * y + plane[0, 2]) * depth
+                py = (plane[1, 0] * x + plane[1, 1] * y + plane[1, 2]) * depth
+                u, v = px - BLOB_X[b], py - BLOB_Y[b]
+                au, av = abs(u), abs(v)
+                if au > reach or av > reach:
+                    continue
+                over = max((au - half) / blur_u, (av - half) / blur_v)
+                solid = rings.shape[0] == 1 and over < -FLAT
+                if over > FLAT or solid:
+                    value = own[IN if solid else OUT] + own[SLOPE_U] * u + own[SLOPE_V] * v
+                    value += steeper[0] * u + steeper[1] * v if solid else 0.0
+                    residual = picture[y, x] - value
+                    bad = abs(residual) > BAD * abs(own[IN] - own[OUT])
+                    c[INSIDE if solid else OUTSIDE] += 1
+                    c[BAD_INSIDE if solid else BAD_OUTSIDE] += bad
+                    if abs(residual) < limit:
+                        _add_flat(n, g, u, v, residual, solid)
+                    continue
+                value = model_at(u, v, shape, steeper, own, rings, part)
+                residual = picture[y, x] - value
+                bad = abs(residual) > BAD * abs(own[IN] - own[OUT])
+                c[INSIDE if over < 0 else OUTSIDE] += 1
+                c[BAD_INSIDE if over < 0 else BAD_OUTSIDE] += bad
+                histogram[min(BINS - 1, int(abs(residual) / bin_grey))] += 1
+                if abs(residual) > limit:
+                    continue
+                c[EDGE] += 1
+                c[RESIDUAL] += residual * residual
+                px -= CENTRE
+                py -= CENTRE
+                gu, gv = part[0], part[1]
+                both = gu * px + gv * py
+                row = rows[filled]
+                row[0], row[1] = -gu, -gv
+                row[2], row[3], row[4], row[5] = -gu * px, -gu * py, -gv * px, -gv * py
+                row[6], row[7] = both * px, both * py
+                for k in range(9):
+                    row[8 + k] = part[2 + k]
+                residuals[filled] = residual
+                filled += 1
+                if filled == BATCH:
+                    _add(rows, residuals, n, g)
+                    filled = 0
+        rows[filled:] = 0.0
+        _add(rows, residuals, n, g)
+        filled = 0
+        for i in range(SHARED + OWN):  # only the upper triangle was summed
+            for j in range(i):
+                n[i, j] = n[j, i]
+
+
+@njit(cache=True, inline="always", error_model="numpy")
+def _add_flat(normal: Array, right: Array, u: float, v: float, residual: float, solid: bool) -> None:
+    """Add a pixel far from all edges: it knows of the light alone."""
+    j, k = SHARED + SLOPE_U, SHARED + SLOPE_V
+    i = SHARED + (IN if solid else OUT)
+    right[i] += residual
+    right[j] += u * residual
+    right[k] += v * residual
+    normal[i, i] += 1.0
+    normal[i, j] += u
+    normal[i, k] += v
+    normal[j, j] += u * u
+    normal[j, k] += u * v
+    normal[k, k] += v * v
+    if solid:
+        right[11] += u * residual
+        right[12] += v * residual
+        for a, x in ((11, u), (12, v)):
+            normal[a, i] += x
+            normal[a, j] += x * u
+            normal[a, k] += x * v
+            normal[a, 11] += x * u
+            normal[a, 12] += x * v
+
+
+@njit(cache=True, error_model="numpy")
+def _add(rows: Array, residuals: Array, normal: Array, right: Array) -> None:
+    """Add a batch of rows to J'J (upper triangle) and J'r: one store for all of the batch."""
+    for i in range(SHARED + OWN):
+        a, b, c, d = rows[0, i], rows[1, i], rows[2, i], rows[3, i]
+        e, f, g, h = rows[4, i], rows[5, i], rows[6, i], rows[7, i]
+        for k in range(BATCH):
+            right[i] += rows[k, i] * residuals[k]
+        for j in range(i // 8 * 8, ROW):
+            normal[i, j] += (
+                a * rows[0, j] + b * rows[1, j] + c * rows[2, j] + d * rows[3, j]
+                + e * rows[4, j] + f * rows[5, j] + g * rows[6, j] + h * rows[7, j]
+            )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def _box(picture_from: Array, u: float, v: float, reach: float, size: tuple[int, int]) -> tuple[int, int, int, int]:
+    """Return the first and last column and row of the pixels that may lie within reach of a place."""
+    x0 = y0 = np.inf
+    x1 = y1 = -np.inf
+    for i in range(4):
+        pu, pv = u + (reach if i % 2 else -reach), v + (reach if i // 2 else -reach)
+        depth = picture_from[2, 0] * pu + picture_from[2, 1] * pv + picture_from[2, 2]
+        x = (picture_from[0, 0] * pu + picture_from[0, 1] * pv + picture_from[0, 2]) / depth
+        y = (picture_from[1, 0] * pu + picture_from[1, 1] * pv + picture_from[1, 2]) / depth
+        x0, x1, y0, y1 = min(x0, x), max(x1, x), min(y0, y), max(y1, y)
+    return (
+        int(max(0.0, math.ceil(x0))),
+        int(max(0.0, math.ceil(y0))),
+        int(min(size[1] - 1.0, math.floor(x1))),
+        int(min(size[0] - 1.0, math.floor(y1))),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def solve(normal: Array, right: Array) -> tuple[Array, Array, Array]:
+    """Return the shared step (13,), the lights' (3, 4) and the information on the shared (13, 13).
+
+    The light of a blob meets no other blob's, so it is eliminated blob by blob (Schur).
+    """
+    information, target = np.zeros((SHARED, SHARED)), np.zeros(SHARED)
+    to_shared, own = np.zeros((3, OWN, SHARED)), np.zeros((3, OWN))
+    end = SHARED + OWN
+    for b in range(3):
+        inner = np.ascontiguousarray(normal[b, SHARED:end, SHARED:end])
+        cross = np.ascontiguousarray(normal[b, SHARED:end, :SHARED])
+        to_shared[b] = np.linalg.solve(inner, cross)
+        own[b] = np.linalg.solve(inner, np.ascontiguousarray(right[b, SHARED:end]))
+        information += normal[b, :SHARED, :SHARED] - cross.T @ to_shared[b]
+        target += right[b, :SHARED] - cross.T @ own[b]
+    step = np.linalg.solve(information, target)
+    for b in range(3):
+        own[b] -= to_shared[b] @ step
+    return step, own, information
+
+
+@njit(cache=True, error_model="numpy")
+def gauss_newton(
+    picture: NDArray[np.uint8],
+    homography: Array,
+    shape: Array,
+    steeper: Array,
+    light: Array,
+    rings: Array,
+    most_steps: int,
+    small: float,
+    bin_grey: float,
+) -> tuple[int, Array, Array, float]:
+    """Fit all parameters in place; return steps, information (13, 13), counts and noise.
+
+    Stops when a step is shorter than `small` standard deviations of the answer. Residuals beyond
+    TRIM times the noise, taken from the median residual near edges, are left out: glare, dirt.
+    steps is most_steps + 1 when it did not settle, 0 when the numbers left all bounds.
+    """
+    normal, right = np.zeros((3, ROW, ROW)), np.zeros((3, ROW))
+    counts, histogram = np.zeros((3, COUNTS)), np.zeros(BINS, np.int64)
+    information = np.zeros((SHARED, SHARED))
+    noise, limit, change = np.inf, np.inf, np.zeros((3, 3))
+    to_centre, to_corner = np.eye(3), np.eye(3)
+    to_centre[:2, 2], to_corner[:2, 2] = CENTRE, -CENTRE
+    for done in range(most_steps):
+        pixel = 1 / math.sqrt(abs(homography[0, 0] * homography[1, 1] - homography[0, 1] * homography[1, 0]))
+        margin = min(max(FLAT * max(shape[1], shape[2]), 8 * pixel), shape[0] * (0.7 if rings.shape[0] == 1 else 0.2))
+        plane = np.linalg.inv(homography)
+        accumulate(picture, plane, shape, steeper, light, rings, margin, limit, normal, right, counts, histogram, bin_grey)
+        edge = counts[:, EDGE].sum()
+        if edge < 60 or counts[:, EDGE].min() < 12:
+            return 0, information, counts, noise
+        noise = math.sqrt(counts[:, RESIDUAL].sum() / (edge - SHARED))
+        limit = TRIM * max(1.4826 * _median(histogram, bin_grey), bin_grey)
+        step, own, information = solve(normal, right)
+        if not np.isfinite(step).all():
+            return 0, information, counts, noise
+        length = math.sqrt(max(0.0, step @ information @ step)) / noise
+        worst = max(np.abs(step[:8]).max() / 0.2, np.abs(step[8]) / 0.2, np.abs(step[9:11]).max() / 0.5)
+        step /= max(1.0, worst)
+        change[0, 0], change[0, 1], change[0, 2] = step[2], step[3], step[0]
+        change[1, 0], change[1, 1], change[1, 2] = step[4], step[5], step[1]
+        change[2, 0], change[2, 1] = step[6], step[7]
+        homography[:] = homography @ to_centre @ (np.eye(3) + change) @ to_corner
+        homography /= homography[2, 2]
+        shape *= np.exp(step[8:11])
+        steeper += step[11:]
+        light += own
+        if not (0.01 < shape[0] < 0.49 and 1e-4 < min(shape[1], shape[2]) and max(shape[1], shape[2]) < shape[0] * 2):
+            return 0, information, counts, noise
+        if length < small and worst <= 1:
+            return done + 1, information, counts, noise
+    return most_steps + 1, information, counts, noise
+
+
+@njit(cache=True, error_model="numpy")
+def _median(histogram: NDArray[np.int64], bin_grey: float) -> float:
+    half, below = histogram.sum() / 2, 0.0
+    for k in range(histogram.shape[0]):
+        if below + histogram[k] >= half:
+            return bin_grey * (k + (half - below) / max(1, histogram[k]))
+        below += histogram[k]
+    return bin_grey * histogram.shape[0]
