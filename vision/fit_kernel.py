@@ -24,6 +24,7 @@ ROW = 24  # a row of the Jacobian, 17 long, in whole vector registers
 FLAT = 4.5  # blurs from an edge where its slope is 4e-5 of the greatest
 BINS = 512
 BAD = 0.4  # of the contrast: a pixel that differs so much from the model is none of this marker
+SETTLED = 8  # steps after which the trimming stays, and a longer step ends it: the model does not quite hold
 TRIM = 4.0  # noises beyond which a pixel is left out
 # What is counted for each blob.
 EDGE, RESIDUAL, INSIDE, BAD_INSIDE, OUTSIDE, BAD_OUTSIDE, COUNTS = range(7)
@@ -255,7 +256,8 @@ def gauss_newton(
 ) -> tuple[int, Array, Array, float]:
     """Fit all parameters in place; return steps, information (13, 13), counts and noise.
 
-    Stops when a step is shorter than `small` standard deviations of the answer. Residuals beyond
+    Stops when a step is shorter than `small` standard deviations of the answer, ten times that
+    after SETTLED steps. Residuals beyond
     TRIM times the noise, taken from the median residual near edges, are left out: glare, dirt.
     steps is most_steps + 1 when it did not settle, 0 when the numbers left all bounds.
     """
@@ -274,7 +276,8 @@ def gauss_newton(
         if edge < 60 or counts[:, EDGE].min() < 12:
             return 0, information, counts, noise
         noise = math.sqrt(counts[:, RESIDUAL].sum() / (edge - SHARED))
-        limit = TRIM * max(1.4826 * _median(histogram, bin_grey), bin_grey)
+        if done < SETTLED:
+            limit = TRIM * max(1.4826 * _median(histogram, bin_grey), bin_grey)
         step, own, information = solve(normal, right)
         if not np.isfinite(step).all():
             return 0, information, counts, noise
@@ -291,7 +294,7 @@ def gauss_newton(
         light += own
         if not (0.01 < shape[0] < 0.49 and 1e-4 < min(shape[1], shape[2]) and max(shape[1], shape[2]) < shape[0] * 2):
             return 0, information, counts, noise
-        if length < small and worst <= 1:
+        if length < (small if done < SETTLED else 10 * small) and worst <= 1:
             return done + 1, information, counts, noise
     return most_steps + 1, information, counts, noise
 
