@@ -15,7 +15,7 @@ from vision.plane import angle_slope, plane_angle_rad, to_picture
 Picture = NDArray[np.uint8] | NDArray[np.uint16]
 
 MOST_STEPS = 20
-SMALL_STEP = 0.1  # standard deviations
+SMALL_STEP = 0.3  # standard deviations: the step after it would be some hundredths
 LEAST_CONTRAST = 4.5  # noises: below it a cut blob cannot be told from noise
 LEAST_BLOB_PX = 5.0
 FLATTEST = 0.55  # length of the marker's shorter axis over the longer: a tilt of 57 degrees

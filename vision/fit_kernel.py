@@ -19,6 +19,7 @@ SHARED, OWN = 13, 4
 BLOB_X, BLOB_Y = np.ascontiguousarray(BLOBS[:, 0]), np.ascontiguousarray(BLOBS[:, 1])
 CENTRE = 1 / 3  # of the three blobs: the origin of the steps, x and y
 OUT, IN, SLOPE_U, SLOPE_V = range(4)  # a blob's own
+STEEPER = 11  # where the light's steepness begins among the shared
 BATCH = 8  # rows that are added at once
 ROW = 24  # a row of the Jacobian, 17 long, in whole vector registers
 FLAT = 4.5  # blurs from an edge where its slope is 4e-5 of the greatest
@@ -26,18 +27,28 @@ BINS = 512
 BAD = 0.4  # of the contrast: a pixel that differs so much from the model is none of this marker
 SETTLED = 8  # steps after which the trimming stays, and a longer step ends it: the model does not quite hold
 TRIM = 4.0  # noises beyond which a pixel is left out
+_T = np.arange(-176, 178) / 32
+CDF = np.array([0.5 * math.erfc(-t / math.sqrt(2)) for t in _T])
+BELL = np.exp(-(_T**2) / 2) / math.sqrt(2 * math.pi)
 # What is counted for each blob.
 EDGE, RESIDUAL, INSIDE, BAD_INSIDE, OUTSIDE, BAD_OUTSIDE, COUNTS = range(7)
 
 
 @njit(cache=True, inline="always", error_model="numpy")
 def _normal(t: float) -> tuple[float, float]:
-    """Return the normal distribution's cdf and density."""
-    if t > 5.5:
+    """Return the normal distribution's cdf and density to 1e-8: cubics between tabled values and slopes."""
+    if t >= 5.5:
         return 1.0, 0.0
-    if t < -5.5:
+    if t <= -5.5:
         return 0.0, 0.0
-    return 0.5 * math.erfc(-t * 0.7071067811865476), 0.3989422804014327 * math.exp(-0.5 * t * t)
+    place = (t + 5.5) * 32
+    k = int(place)
+    f = place - k
+    a, b, p, q = CDF[k], CDF[k + 1], BELL[k], BELL[k + 1]
+    end = f * f * (3 - 2 * f)
+    rise, fall = f * (1 - f) * (1 - f) / 32, f * f * (f - 1) / 32
+    s = (k / 32) - 5.5
+    return a + end * (b - a) + rise * p + fall * q, p + end * (q - p) - rise * s * p - fall * (s + 1 / 32) * q
 
 
 @njit(cache=True, error_model="numpy")
@@ -103,19 +114,19 @@ def accumulate(
     reach = half + margin
     picture_from = np.linalg.inv(plane)
     part, rows, residuals, filled = np.zeros(11), np.zeros((BATCH, ROW)), np.zeros(BATCH), 0
+    flat = np.zeros((2, 9))
     normal[:], right[:], counts[:], histogram[:] = 0.0, 0.0, 0.0, 0
     for b in range(3):
         x0, y0, x1, y1 = _box(picture_from, BLOB_X[b], BLOB_Y[b], reach, picture.shape)
         n, g, c, own = normal[b], right[b], counts[b], light[b]
         for y in range(y0, y1 + 1):
-            for x in range(x0, x1 + 1):
+            first, last = _span(plane, BLOB_X[b], BLOB_Y[b], reach, x0, x1, y)
+            for x in range(first, last + 1):
                 depth = 1.0 / (plane[2, 0] * x + plane[2, 1] * y + plane[2, 2])
                 px = (plane[0, 0] * x + plane[0, 1] * y + plane[0, 2]) * depth
                 py = (plane[1, 0] * x + plane[1, 1] * y + plane[1, 2]) * depth
                 u, v = px - BLOB_X[b], py - BLOB_Y[b]
                 au, av = abs(u), abs(v)
-                if au > reach or av > reach:
-                    continue
                 over = max((au - half) / blur_u, (av - half) / blur_v)
                 solid = rings.shape[0] == 1 and over < -FLAT
                 if over > FLAT or solid:
@@ -126,7 +137,16 @@ def accumulate(
                     c[INSIDE if solid else OUTSIDE] += 1
                     c[BAD_INSIDE if solid else BAD_OUTSIDE] += bad
                     if abs(residual) < limit:
-                        _add_flat(n, g, u, v, residual, solid)
+                        m = flat[1 if solid else 0]
+                        m[0] += 1.0
+                        m[1] += u
+                        m[2] += v
+                        m[3] += u * u
+                        m[4] += u * v
+                        m[5] += v * v
+                        m[6] += residual
+                        m[7] += residual * u
+                        m[8] += residual * v
                     continue
                 value = model_at(u, v, shape, steeper, own, rings, part)
                 residual = picture[y, x] - value
@@ -156,34 +176,55 @@ def accumulate(
         rows[filled:] = 0.0
         _add(rows, residuals, n, g)
         filled = 0
+        _add_flat(n, g, flat[0], False)
+        _add_flat(n, g, flat[1], True)
+        flat[:] = 0.0
         for i in range(SHARED + OWN):  # only the upper triangle was summed
             for j in range(i):
                 n[i, j] = n[j, i]
 
 
-@njit(cache=True, inline="always", error_model="numpy")
-def _add_flat(normal: Array, right: Array, u: float, v: float, residual: float, solid: bool) -> None:
-    """Add a pixel far from all edges: it knows of the light alone."""
-    j, k = SHARED + SLOPE_U, SHARED + SLOPE_V
-    i = SHARED + (IN if solid else OUT)
-    right[i] += residual
-    right[j] += u * residual
-    right[k] += v * residual
-    normal[i, i] += 1.0
-    normal[i, j] += u
-    normal[i, k] += v
-    normal[j, j] += u * u
-    normal[j, k] += u * v
-    normal[k, k] += v * v
+@njit(cache=True, error_model="numpy")
+def _add_flat(normal: Array, right: Array, sums: Array, solid: bool) -> None:
+    """Add the pixels far from all edges, which know of the light alone, by their sums.
+
+    sums (9,): of 1, u, v, u^2, u v, v^2, residual, residual u, residual v.
+    """
+    i, j, k = SHARED + (IN if solid else OUT), SHARED + SLOPE_U, SHARED + SLOPE_V
+    for at, moment, along_u, along_v, answer in ((j, 1, 3, 4, 7), (k, 2, 4, 5, 8)):
+        right[at] += sums[answer]
+        normal[i, at] += sums[moment]
+        normal[at, at] += sums[along_u if at == j else along_v]
+        if solid:
+            steep = STEEPER + at - j
+            right[steep] += sums[answer]
+            normal[steep, i] += sums[moment]
+            normal[steep, j] += sums[along_u]
+            normal[steep, k] += sums[along_v]
+            normal[steep, steep] += sums[along_u if at == j else along_v]
+    right[i] += sums[6]
+    normal[i, i] += sums[0]
+    normal[j, k] += sums[4]
     if solid:
-        right[11] += u * residual
-        right[12] += v * residual
-        for a, x in ((11, u), (12, v)):
-            normal[a, i] += x
-            normal[a, j] += x * u
-            normal[a, k] += x * v
-            normal[a, 11] += x * u
-            normal[a, 12] += x * v
+        normal[STEEPER, STEEPER + 1] += sums[4]
+
+
+@njit(cache=True, error_model="numpy")
+def _span(plane: Array, u: float, v: float, reach: float, x0: int, x1: int, y: int) -> tuple[int, int]:
+    """Return the first and last column of a row within reach of a place: |u - u0| <= reach is linear in x."""
+    low, high = float(x0), float(x1)
+    for axis, place in ((0, u), (1, v)):
+        for sign in (-1.0, 1.0):  # sign (numerator - place depth) <= reach depth
+            slope = sign * (plane[axis, 0] - place * plane[2, 0]) - reach * plane[2, 0]
+            rest = sign * (plane[axis, 1] - place * plane[2, 1]) - reach * plane[2, 1]
+            rest = rest * y + sign * (plane[axis, 2] - place * plane[2, 2]) - reach * plane[2, 2]
+            if slope > 0:
+                high = min(high, -rest / slope)
+            elif slope < 0:
+                low = max(low, -rest / slope)
+            elif rest > 0:
+                return 0, -1
+    return int(math.ceil(low)), int(math.floor(high))
 
 
 @njit(cache=True, error_model="numpy")
