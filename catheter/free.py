@@ -104,6 +104,7 @@ def volume_slope(alpha: ArrayLike, beta: ArrayLike, axial: ArrayLike) -> Array:
     """
     ca, cb = cosine(alpha), cosine(beta)
     sign = np.sign(np.real(np.sin(alpha) * np.sin(beta)))
+    axial = np.asarray(axial)
     return np.asarray(1 / axial + 2 * sign * axial * ca * cb / (_across(ca, axial) * _across(cb, axial)))
 
 
@@ -162,7 +163,8 @@ def inflate(alpha: ArrayLike, beta: ArrayLike, volume_ratio: ArrayLike) -> Stret
     axial, radial, twist = (np.full(a.shape, np.nan) for _ in range(3))
     axial[good] = _axial(a[good], b[good], v[good], Lock(*(x[good] for x in vars(ends).values())))
     radial[good], twist[good] = stretch(a[good], b[good], axial[good])
-    return Stretches(*(x.reshape(shape) for x in (axial, radial, twist, v)), state.reshape(shape))
+    found = {"axial": axial, "radial": radial, "twist": twist, "volume_ratio": v, "state": state}
+    return Stretches(**{name: value.reshape(shape) for name, value in found.items()})
 
 
 def _axial(alpha: Array, beta: Array, volume_ratio: Array, ends: Lock) -> Array:

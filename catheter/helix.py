@@ -70,9 +70,7 @@ class Helix:
         return np.asarray(self.axial * self.length * np.hypot(self.curvature, self.torsion) / (2 * np.pi))
 
 
-def bend(
-    pair: Stretches, gamma: ArrayLike, *, radius: ArrayLike, length: float, torsion: str = "thesis"
-) -> Helix:
+def bend(pair: Stretches, gamma: ArrayLike, *, radius: ArrayLike, length: float, torsion: str = "thesis") -> Helix:
     """Return the helices that a third fibre at `gamma` makes of tubes; arguments broadcast. SI.
 
     The inner line of the bend is the limiter: l_g = sqrt(1 - (l2 (sin g + d cos g))^2) / cos g
@@ -153,6 +151,11 @@ def design(
 def _why(state: HelixState, pair: Stretches, helix: Helix, gamma: float) -> str:
     where = f"third fibre at {np.degrees(gamma):.6g} deg, V = {float(pair.volume_ratio):.6g}"
     around = float(pair.radial * (np.sin(gamma) + pair.twist * cosine(gamma)))
+    if state == HelixState.SLACK and abs(float(helix.limiter / pair.axial) - 1) <= ROUNDING:
+        return (
+            f"{where}: slack, its line stretches by {float(pair.axial):.6g} as the tube does, so that nothing bends;"
+            " fill the tube, or choose an angle that is neither alpha nor beta"
+        )
     return {
         HelixState.OVER_CONSTRAINED: f"{where}: over-constrained, its hoop share would have to be"
         f" {abs(around):.6g} of its length (at most 1); turn it towards the axis",

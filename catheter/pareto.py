@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from catheter.free import Array, Infeasible
-from catheter.search import Block, Task, blocks, check
+from catheter.search import Block, blocks
+from catheter.task import Task, check
 
 GUARDS = 64  # members of the front that a block's cells are compared with before the exact sweep
 

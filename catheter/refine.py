@@ -7,11 +7,11 @@ from numpy.typing import ArrayLike
 
 from catheter.free import Array, Infeasible, Stretches, inflate, stretch, volume_slope
 from catheter.helix import Design, HelixState, bend
-from catheter.search import DEGREE, MM, Task
-from data.errors import BadInput, CatheterError
+from catheter.task import DEGREE, MM, Task
+from data.errors import CatheterError
 from data.options import option
 
-MARGIN = 1e-3 * DEGREE  # how close a polish goes to +-90 deg, where the design is infeasible
+LIMIT = 89.999 * DEGREE  # how far a polish goes: at +-90 deg the design is infeasible
 TINY = 1e-30  # complex step: its square is nothing, so that the derivative has no truncation error
 
 
@@ -20,9 +20,9 @@ class DidNotConverge(CatheterError):
 
 
 def residuals(task: Task, angles: Array) -> Array:
-    """Return the weighted deviations (3, ...) of (R, lambda_x, delta) at angles (3, ...): their squares sum to the cost.
+    """Return the weighted deviations (3, ...) of (R, lambda_x, delta); their squares sum to the cost.
 
-    angles: alpha, beta, gamma in rad, complex ones too. NaN where there is no helix.
+    angles (3, ...): alpha, beta, gamma in rad, complex ones too. NaN where there is no helix.
     """
     alpha, beta, gamma = angles
     pair = inflate(np.real(alpha), np.real(beta), task.volume_ratio)
@@ -63,54 +63,48 @@ class Polish:
 def polish(task: Task, start: tuple[float, float, float], *, keep_alpha: bool = False, most_steps: int = 500) -> Polish:
     """Return the continuous optimum below a design (alpha, beta, gamma) in rad: damped Gauss-Newton.
 
-    Angles keep `MARGIN` from +-90 deg; keep_alpha holds the first one. A step into what is infeasible
-    is shortened. Raises Infeasible for a start that is, DidNotConverge with the slope left.
+    Angles stay within `LIMIT`; keep_alpha holds the first one. A step into what is infeasible is
+    shortened. Raises Infeasible for a start that is, DidNotConverge with the slope left.
     """
-    limit = np.pi / 2 - MARGIN
-    x = np.clip(np.array(start, dtype=np.float64), -limit, limit)
-    x[0] = start[0] if keep_alpha else x[0]
-    movable = np.array([not keep_alpha, True, True])
-    r, damping = residuals(task, x), 1e-3
-    if not np.isfinite(r).all():
+    x = np.clip(np.array(start, dtype=np.float64), -LIMIT, LIMIT)
+    movable, damping = np.array([not keep_alpha, True, True]), 1e-3
+    if not np.isfinite(residuals(task, x)).all():
         task.design(*start)  # says why
         raise Infeasible("the start of the polish lies too close to +-90 deg; start from another design")
     for steps in range(most_steps):
-        jac = jacobian(task, x)
-        gradient = 2 * jac.T @ r
-        free = movable & ~((np.abs(x) >= limit) & (gradient * np.sign(x) < 0))
-        slope = float(np.linalg.norm(gradient[free]))
-        step, damping = _step(task, x, r, jac, free, limit, damping)
-        if step is None or slope <= 1e-12:
-            return _polished(task, x, slope, steps, limit)
-        x, r = step, residuals(task, step)
+        r, jac = residuals(task, x), jacobian(task, x)
+        gradient = jac.T @ r
+        free = movable & ~((np.abs(x) >= LIMIT) & (gradient * np.sign(x) < 0))
+        jac, gradient = jac * free, gradient * free
+        slope = 2 * float(np.linalg.norm(gradient))
+        following, damping = _step(task, x, jac.T @ jac, gradient, damping)
+        if following is None or slope <= 1e-12:
+            return _polished(task, x, slope, steps)
+        x = following
     raise DidNotConverge(
         f"polish from {np.round(np.degrees(start), 3)} deg: slope {slope:.2g} 1/rad left after {most_steps} steps;"
         " start closer, or allow more steps"
     )
 
 
-def _step(
-    task: Task, x: Array, r: Array, jac: Array, free: Array, limit: float, damping: float
-) -> tuple[Array | None, float]:
+def _step(task: Task, x: Array, normal: Array, gradient: Array, damping: float) -> tuple[Array | None, float]:
     """Return the next angles and damping, or None when no step lowers the cost any more."""
-    some = jac[:, free]
-    normal, gradient = some.T @ some, some.T @ r
+    before = residuals(task, x)
     while damping < 1e12:
-        trial = x.copy()
-        trial[free] -= np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), gradient)
-        trial = np.clip(trial, -limit, limit) if free[0] else np.append(x[:1], np.clip(trial[1:], -limit, limit))
+        scaled = normal + np.diag(damping * np.diag(normal) + 1e-15)  # an angle that is held has a gradient of 0
+        trial = np.clip(x - np.linalg.solve(scaled, gradient), -LIMIT, LIMIT)
         after = residuals(task, trial)
-        if np.isfinite(after).all() and after @ after < r @ r * (1 - 1e-14):
+        if np.isfinite(after).all() and after @ after < before @ before * (1 - 1e-14):
             return trial, max(damping / 10, 1e-12)
         damping *= 4
     return None, damping
 
 
-def _polished(task: Task, x: Array, slope: float, steps: int, limit: float) -> Polish:
+def _polished(task: Task, x: Array, slope: float, steps: int) -> Polish:
     found = task.design(*map(float, x))
-    at = [name for name, angle in zip(("alpha", "beta", "gamma"), x, strict=True) if abs(angle) >= limit]
-    ends = " and ".join(f"{name} -> {90 * np.sign(x[('alpha', 'beta', 'gamma').index(name)]):+.0f} deg" for name in at)
-    boundary = f"{ends}: the cost still falls there, and at the limit itself the design is infeasible" if at else ""
+    names = zip(("alpha", "beta", "gamma"), x, strict=True)
+    ends = " and ".join(f"{name} -> {90 * np.sign(angle):+.0f} deg" for name, angle in names if abs(angle) >= LIMIT)
+    boundary = f"{ends}: the cost still falls there, and at the limit itself the design is infeasible" if ends else ""
     return Polish(design=found, cost=task.cost_of(found), slope=slope, steps=steps, boundary=boundary)
 
 
@@ -180,14 +174,12 @@ def tolerance(task: Task, found: Design, scatter: Scatter | None = None) -> Tole
     draw = np.random.default_rng(scatter.seed).standard_normal((5, scatter.samples))
     radius, cost = _responses(task, at[:, None] + by[:, None] * draw)
     failed = float(np.mean(~np.isfinite(cost)))
-    return Tolerance(
-        bars=bars, radius_m=_quantiles(radius), cost=_quantiles(cost), failed=failed, scatter=scatter
-    )
+    return Tolerance(bars=bars, radius_m=_quantiles(radius), cost=_quantiles(cost), failed=failed, scatter=scatter)
 
 
 def _responses(task: Task, points: Array) -> tuple[Array, Array]:
     """Return (R, cost) at points (5, ...): three angles in rad, tube radius, volume ratio; NaN where infeasible."""
-    alpha, beta, gamma, radius, volume = points
+    radius, volume = points[3:]
     inside = (np.abs(points[:3]) <= np.pi / 2).all(axis=0) & (radius > 0) & (volume > 0)
     safe = [np.where(inside, value, other) for value, other in zip(points, (1, -1, 0, task.radius, 1), strict=True)]
     with np.errstate(invalid="ignore", divide="ignore"):

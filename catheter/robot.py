@@ -1,4 +1,4 @@
-"""The robot: spiral, extender, spiral in a row, in a cannula. Whether it fits, touches, extends, and stands straight."""
+"""The robot in its cannula, spiral, extender, spiral: whether it fits, touches, extends, and stands straight."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,6 @@ from catheter.free import (
     Array,
     Infeasible,
     Stretches,
-    cosine,
     extension,
     inflate,
     lock,
@@ -19,7 +18,7 @@ from catheter.free import (
     volume_slope,
 )
 from catheter.helix import Design, HelixState, bend
-from catheter.search import DEGREE, MM, Task
+from catheter.task import DEGREE, MM, Task
 from data.errors import BadInput
 from data.options import option
 from data.table import table
@@ -164,9 +163,7 @@ class Stride:
     buckling_pressure_pa: float
 
 
-def extender_sweep(
-    task: Task, angles: ArrayLike, *, length: float, rubber: Rubber | None = None
-) -> list[Stride]:
+def extender_sweep(task: Task, angles: ArrayLike, *, length: float, rubber: Rubber | None = None) -> list[Stride]:
     """Return extension and buckling of extenders with fibres at +-angle, for angles (rad) that reach the task's V.
 
     Extension is the closed form of `catheter.free.extension`. Buckling is ESTIMATED: an Euler column of the
@@ -179,7 +176,9 @@ def extender_sweep(
     found = []
     for angle in np.atleast_1d(np.asarray(angles, dtype=np.float64)).tolist():
         if not MAGIC < angle < np.pi / 2:
-            raise BadInput("extender angle", f"is {np.degrees(angle):.4g} deg", "54.7 to 90 deg: flatter fibres contract")
+            raise BadInput(
+                "extender angle", f"is {np.degrees(angle):.4g} deg", "54.7 to 90 deg: flatter fibres contract"
+            )
         most = float(lock(angle, -angle).volume_ratio.item())
         if most <= task.volume_ratio:
             continue
@@ -189,9 +188,7 @@ def extender_sweep(
         second_moment = np.pi / 4 * ((inner2 + _wall_area(task) / axial) ** 2 - inner2**2)
         force = float(np.pi**2 * modulus * second_moment / (axial * length) ** 2)
         slope = float(volume_slope(angle, -angle, axial)) * task.volume_ratio
-        filled = pressure(
-            angle, -angle, task.volume_ratio, radius=task.radius, wall=task.wall, rubber=rubber
-        )
+        filled = pressure(angle, -angle, task.volume_ratio, radius=task.radius, wall=task.wall, rubber=rubber)
         found.append(
             Stride(
                 angle_rad=angle,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from catheter.free import Array, Infeasible
 from data.errors import BadInput
@@ -76,14 +76,14 @@ def cone(angle_rad: ArrayLike, thickness_m: ArrayLike) -> Cones:
     return Cones(angle, thickness, between(known.forward_pa), between(known.reverse_pa))
 
 
-def _place(value: Array, knots: Array, what: str, unit: str, size: float) -> tuple[Array, Array]:
+def _place(value: Array, knots: Array, what: str, unit: str, size: float) -> tuple[NDArray[np.int64], Array]:
     """Return which interval a value lies in and how far along, 0 to 1; a rounding's width outside still counts."""
     slack = 1e-9 * knots[-1]
     bad = ~((value >= knots[0] - slack) & (value <= knots[-1] + slack))
     if bad.any():
         reach = f"measured are {knots[0] / size:.3g} to {knots[-1] / size:.3g} {unit}, and nothing beyond is known"
         raise BadInput(what, f"is {value[bad].flat[0] / size:.4g} {unit}", reach)
-    at = np.clip(np.searchsorted(knots, value, side="right") - 1, 0, len(knots) - 2)
+    at = np.asarray(np.clip(np.searchsorted(knots, value, side="right") - 1, 0, len(knots) - 2), np.int64)
     return at, np.clip((value - knots[at]) / (knots[at + 1] - knots[at]), 0.0, 1.0)
 
 
@@ -144,7 +144,8 @@ def choose(wanted: Wanted, *, accept: float = 0.02, between: int = 40) -> Choice
         raise Infeasible(
             f"no measured or interpolated cone comes within {accept:.1%} of {_words(given)}; the nearest is"
             f" {np.degrees(nearest.angle_rad):.3g} deg, {nearest.thickness_m / INCH:.3g} in: forward"
-            f" {nearest.forward_pa / 1e3:.4g} kPa, reverse {nearest.reverse_pa / 1e3:.4g} kPa, ratio {nearest.ratio:.3g}"
+            f" {nearest.forward_pa / 1e3:.4g} kPa, reverse {nearest.reverse_pa / 1e3:.4g} kPa,"
+            f" ratio {nearest.ratio:.3g}"
         )
     return nearest
 

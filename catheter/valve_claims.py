@@ -23,7 +23,7 @@ def claims() -> tuple[Claim, ...]:
     steeper, thicker = (0, "Steeper cones"), (1, "Thicker cones")
     return (
         _range(known),
-        _value(known, 35, 0.075, 3.5, "the ratio Prev/Pfwd - 1 is 3.5 at 35 deg, 0.075 in", 0.05),
+        _largest(known, degrees=35, inches=0.075, ratio=3.5),
         _small(known),
         _saddle(known),
         _trend(known, *steeper, "forward", -1),
@@ -46,21 +46,26 @@ def _range(known: Measured) -> Claim:
     )
 
 
-def _value(known: Measured, degrees: float, inches: float, value: float, text: str, within: float) -> Claim:
+def _largest(known: Measured, *, degrees: float, inches: float, ratio: float) -> Claim:
     angle = np.radians(degrees)
     found = float(cone(angle, inches * INCH).ratio)
-    at = np.unravel_index(int(known.ratio.argmax()), known.ratio.shape)
-    most = f"the largest is {known.ratio[at]:.3f} at {_name(known, *at)}"
+    i, j = divmod(int(known.ratio.argmax()), known.ratio.shape[1])
     was = bool(np.isclose(known.angle_rad, angle).any())
-    against = () if was else (f"{degrees:g} deg was not measured: {found:.2f} is interpolated",)
-    return Claim(text=text, table=f"{found:.2f}; {most}", holds=was and abs(found - value) < within, against=against)
+    return Claim(
+        text=f"the ratio Prev/Pfwd - 1 is {ratio:g} at {degrees:g} deg, {inches:.3f} in",
+        table=f"{found:.2f}; the largest is {known.ratio[i, j]:.3f} at {_name(known, i, j)}",
+        holds=was and abs(found - ratio) < 0.05,
+        against=() if was else (f"{degrees:g} deg was not measured: {found:.2f} is interpolated",),
+    )
 
 
 def _small(known: Measured) -> Claim:
     found = float(cone(0.0, 0.1 * INCH).ratio)
     flat = known.ratio[0]
     same = "every cell of 0 deg is 0" if not flat.any() else f"0 deg spans {flat.min():.3f} to {flat.max():.3f}"
-    return Claim(text="the ratio is below 0.5 at 0 deg, 0.100 in", table=f"{found:.3f}; {same}", holds=found < 0.5, against=())
+    return Claim(
+        text="the ratio is below 0.5 at 0 deg, 0.100 in", table=f"{found:.3f}; {same}", holds=found < 0.5, against=()
+    )
 
 
 def _saddle(known: Measured) -> Claim:
