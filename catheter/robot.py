@@ -172,35 +172,33 @@ def extender_sweep(task: Task, angles: ArrayLike, *, length: float, rubber: Rubb
     pressure: what makes a blocked tube push with that force, P pi r^2 dV/dl1. Real tubes bend earlier
     by their imperfections, later by the cannula's wall. Raises BadInput for an angle that does not extend.
     """
-    modulus = 3 * (rubber or Rubber()).shear_modulus
     found = []
     for angle in np.atleast_1d(np.asarray(angles, dtype=np.float64)).tolist():
         if not MAGIC < angle < np.pi / 2:
             raise BadInput(
                 "extender angle", f"is {np.degrees(angle):.4g} deg", "54.7 to 90 deg: flatter fibres contract"
             )
-        most = float(lock(angle, -angle).volume_ratio.item())
-        if most <= task.volume_ratio:
-            continue
-        axial = float(extension(angle, task.volume_ratio))
-        radial = float(stretch(angle, -angle, axial)[0])
-        inner2 = (radial * task.radius) ** 2
-        second_moment = np.pi / 4 * ((inner2 + _wall_area(task) / axial) ** 2 - inner2**2)
-        force = float(np.pi**2 * modulus * second_moment / (axial * length) ** 2)
-        slope = float(volume_slope(angle, -angle, axial)) * task.volume_ratio
-        filled = pressure(angle, -angle, task.volume_ratio, radius=task.radius, wall=task.wall, rubber=rubber)
-        found.append(
-            Stride(
-                angle_rad=angle,
-                axial=axial,
-                extension_m=(axial - 1) * length,
-                lock_volume_ratio=most,
-                pressure_pa=float(filled),
-                buckling_force_n=force,
-                buckling_pressure_pa=force / (np.pi * task.radius**2 * slope),
-            )
-        )
+        if float(lock(angle, -angle).volume_ratio.item()) > task.volume_ratio:
+            found.append(_stride(task, angle, length, rubber or Rubber()))
     return found
+
+
+def _stride(task: Task, angle: float, length: float, rubber: Rubber) -> Stride:
+    axial = float(extension(angle, task.volume_ratio))
+    inner2 = (float(stretch(angle, -angle, axial)[0]) * task.radius) ** 2
+    second_moment = np.pi / 4 * ((inner2 + _wall_area(task) / axial) ** 2 - inner2**2)
+    force = float(np.pi**2 * 3 * rubber.shear_modulus * second_moment / (axial * length) ** 2)
+    slope = float(volume_slope(angle, -angle, axial)) * task.volume_ratio
+    filled = pressure(angle, -angle, task.volume_ratio, radius=task.radius, wall=task.wall, rubber=rubber)
+    return Stride(
+        angle_rad=angle,
+        axial=axial,
+        extension_m=(axial - 1) * length,
+        lock_volume_ratio=float(lock(angle, -angle).volume_ratio.item()),
+        pressure_pa=float(filled),
+        buckling_force_n=force,
+        buckling_pressure_pa=force / (np.pi * task.radius**2 * slope),
+    )
 
 
 def published() -> tuple[float, float, float]:

@@ -128,19 +128,23 @@ def search(task: Task) -> Search:
         )
     order = np.argsort(cost, kind="stable")
     cost, cells = cost[order], np.concatenate([cells for _, cells in kept])[order]
-    tied = cost <= cost[0] * (1 + SAME)
-    ties = _copies(cells[tied], mirror=task.target_twist == 0)
-    others = np.flatnonzero(~tied)
-    second = others[0] if len(others) else 0
-    best = task.design(*_radians(task, ties[0]))
-    n = half_steps(task)
+    return _found(task, cost, cells, counts, started)
+
+
+def _found(task: Task, cost: Array, cells: NDArray[np.int64], counts: NDArray[np.int64], started: float) -> Search:
+    """Return the result from the cheapest cells (k, 3) of all blocks by rising cost, and the counts."""
+    tied = int(np.searchsorted(cost, cost[0] * (1 + SAME), side="right"))
+    mirror = task.target_twist == 0
+    ties = _copies(cells[:tied], mirror=mirror)
+    others = len(cost) > tied
+    best, n = task.design(*_radians(task, ties[0])), half_steps(task)
     return Search(
         task=task,
         best=best,
         cost=task.cost_of(best),
         ties=tuple(_radians(task, cell) for cell in ties),
-        runner_up=_radians(task, _copies(cells[second][None], mirror=task.target_twist == 0)[0]),
-        runner_up_cost=float(cost[second]) if len(others) else float("inf"),
+        runner_up=_radians(task, _copies(cells[tied if others else 0][None], mirror=mirror)[0]),
+        runner_up_cost=float(cost[tied]) if others else float("inf"),
         cells=(2 * n + 1) ** 3,
         pairs=(2 * n + 1) ** 2,
         feasible_pairs=int(counts[0]),

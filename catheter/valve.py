@@ -91,7 +91,7 @@ def _place(value: Array, knots: Array, what: str, unit: str, size: float) -> tup
 class Wanted:
     """What a valve should do; 0 for a pressure leaves it open. ratio is Prev / Pfwd - 1, None leaves it open."""
 
-    ratio: float | None = option(None, least=-1.0)
+    ratio: float | None = option(None, least=-0.99)
     forward: float = option(0.0, unit="Pa", least=0.0)
     reverse: float = option(0.0, unit="Pa", least=0.0)
 
@@ -126,11 +126,8 @@ def choose(wanted: Wanted, *, accept: float = 0.02, between: int = 40) -> Choice
     known = measured()
     angle, thickness = _refined(known.angle_rad, between), _refined(known.thickness_m, between)
     cones = cone(angle[:, None], thickness[None, :])
-    # A ratio can be 0, so that it is compared as Prev / Pfwd.
-    offset = {"ratio": 1.0}
-    misses = [(getattr(cones, n) + offset.get(n, 0)) / (t + offset.get(n, 0) or np.nan) - 1 for n, t in given.items()]
-    miss = np.sqrt(np.sum(np.square(misses), axis=0))
-    i, j = np.unravel_index(int(np.nanargmin(miss.round(12))) if np.isfinite(miss).any() else 0, miss.shape)
+    miss = _miss(cones, given)
+    i, j = divmod(int(np.argmin(miss.round(12))), miss.shape[1])
     nearest = Choice(
         angle_rad=float(angle[i]),
         thickness_m=float(thickness[j]),
@@ -140,14 +137,16 @@ def choose(wanted: Wanted, *, accept: float = 0.02, between: int = 40) -> Choice
         miss=float(miss[i, j]),
         measured=bool(i % between == 0 and j % between == 0),
     )
-    if not nearest.miss <= accept:
-        raise Infeasible(
-            f"no measured or interpolated cone comes within {accept:.1%} of {_words(given)}; the nearest is"
-            f" {np.degrees(nearest.angle_rad):.3g} deg, {nearest.thickness_m / INCH:.3g} in: forward"
-            f" {nearest.forward_pa / 1e3:.4g} kPa, reverse {nearest.reverse_pa / 1e3:.4g} kPa,"
-            f" ratio {nearest.ratio:.3g}"
-        )
+    if nearest.miss > accept:
+        raise Infeasible(f"no measured or interpolated cone comes within {accept:.1%} of {_words(given, nearest)}")
     return nearest
+
+
+def _miss(cones: Cones, given: dict[str, float]) -> Array:
+    """Return the root sum of squares of the relative differences; a ratio can be 0, so Prev / Pfwd is compared."""
+    offset = {name: 1.0 if name == "ratio" else 0.0 for name in given}
+    off = [(getattr(cones, name) + offset[name]) / (wish + offset[name]) - 1 for name, wish in given.items()]
+    return np.asarray(np.sqrt(np.sum(np.square(off), axis=0)))
 
 
 def _refined(knots: Array, between: int) -> Array:
@@ -155,9 +154,14 @@ def _refined(knots: Array, between: int) -> Array:
     return np.interp(np.arange((len(knots) - 1) * between + 1) / between, np.arange(len(knots)), knots)
 
 
-def _words(given: dict[str, float]) -> str:
+def _words(given: dict[str, float], nearest: Choice) -> str:
     words = {"forward_pa": "forward {:.4g} kPa", "reverse_pa": "reverse {:.4g} kPa", "ratio": "a ratio of {:.4g}"}
-    return " and ".join(words[n].format(t / (1 if n == "ratio" else 1e3)) for n, t in given.items())
+    wishes = [words[name].format(wish / (1 if name == "ratio" else 1e3)) for name, wish in given.items()]
+    return (
+        f"{' and '.join(wishes)}; the nearest is {np.degrees(nearest.angle_rad):.3g} deg,"
+        f" {nearest.thickness_m / INCH:.3g} in: forward {nearest.forward_pa / 1e3:.4g} kPa, reverse"
+        f" {nearest.reverse_pa / 1e3:.4g} kPa, ratio {nearest.ratio:.3g}"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -59,6 +59,8 @@ def test_bad_cycles_are_refused() -> None:
             events(bad_time, bad_volumes)
     with pytest.raises(BadInput, match="lie from 0.03 to 5 s"):
         stroke(time, volumes[:, 1], Events(**vars(PUBLISHED) | {"front_slips_s": 5.0}))
+    with pytest.raises(BadInput, match="lie from -1 to"):
+        stroke(time, volumes[:, 1], Events(**vars(PUBLISHED) | {"rear_grips_s": -1.0}))
     with pytest.raises(Infeasible, match="they lock at"):
         stroke(time, volumes[:, 1], PUBLISHED, Extender(angle=71 * DEG))
     with pytest.raises(BadInput):

@@ -3,11 +3,13 @@
 import argparse
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, fields, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from data.errors import BadInput, CatheterError
+from data.files import fresh
 
 if TYPE_CHECKING:
     from catheter.helix import Design
@@ -36,6 +38,8 @@ def add_commands(command: Callable[[str, str], argparse.ArgumentParser]) -> None
             f"--{name}", dest=f"task_{each.name}", metavar=example.split(",")[0], help=_help(each, example)
         )
     free.add_argument("--pareto", action="store_true", help="also list the Pareto front of R, lambda_x and delta")
+    free.add_argument("--out", metavar="FILE.rrd", help="also write a dashboard: the spiral inflating, the cost field")
+    free.add_argument("--force", action="store_true", help="overwrite the dashboard")
     valve = command("valve", "list the conical valves, interpolate one, or choose one")
     valve.add_argument("scene", nargs="?", help="a shipped scene (valve), or a .toml file, with what is wanted")
     valve.add_argument("--angle", metavar="ANGLE", help="cone angle, as '35 deg'; with --thickness")
@@ -43,6 +47,8 @@ def add_commands(command: Callable[[str, str], argparse.ArgumentParser]) -> None
     valve.add_argument("--ratio", type=float, help="choose a cone of this Prev/Pfwd - 1")
     valve.add_argument("--forward", metavar="PRESSURE", help="choose a cone that cracks forward at, as '20 kPa'")
     valve.add_argument("--reverse", metavar="PRESSURE", help="choose a cone that cracks in reverse at, as '12 psi'")
+    valve.add_argument("--out", metavar="FILE.rrd", help="also write a dashboard: the map of the ratio")
+    valve.add_argument("--force", action="store_true", help="overwrite the dashboard")
 
 
 def _help(each: Any, example: str) -> str:
@@ -79,7 +85,6 @@ def free_(options: argparse.Namespace) -> "Outcome":
     """Search the fibre angles of a spiral, polish the best, and say what it is worth."""
     from catheter.lab.commands import Outcome
     from catheter.lab.robot_view import robot_parts, robot_values
-    from catheter.pareto import pareto
     from catheter.refine import polish, tolerance
     from catheter.search import search
 
@@ -91,22 +96,43 @@ def free_(options: argparse.Namespace) -> "Outcome":
         polished = f"no continuous optimum: {error}"
     suffers = tolerance(task, found.best, scene.scatter)
     values = _search_values(found, polished, suffers) | robot_values(task, found.best, scene.extender)
-    parts = list(_search_parts(scene, found, polished, suffers))
-    parts += robot_parts(task, found.best, scene.extender)
+    parts = [*_search_parts(scene, found, polished), *_tolerance_parts(suffers)]
+    outcome = Outcome(values, parts + robot_parts(task, found.best, scene.extender))
     if options.pareto:
-        front = pareto(task)
-        values["pareto"] = [
-            {"angles_deg": a, "radius_mm": 1e3 * r, "lambda_x": x, "delta_rad": d}
-            for a, r, x, d in zip(
-                _degrees(front.angles),
-                front.radius_m.tolist(),
-                front.length_ratio.tolist(),
-                front.twist_rad.tolist(),
-                strict=True,
-            )
-        ]
-        parts.append(_front_table(values["pareto"]))
-    return Outcome(values, parts)
+        _add_front(outcome, task)
+    if options.out:
+        from catheter.lab.views.designs import save_free
+
+        save_view(outcome, options, lambda path: save_free(task, found.best, path))
+    return outcome
+
+
+def save_view(outcome: "Outcome", options: argparse.Namespace, save: Callable[[Path], None]) -> None:
+    """Write a dashboard where --out asks for it, and say so. Raises CannotWrite."""
+    out = Path(options.out)
+    with fresh(out, options.force) as temporary:
+        save(temporary)
+    outcome.values["view"] = str(out)
+    outcome.parts.append(f"Dashboard: {out}   (look at it with: rerun {out})")
+
+
+def _add_front(outcome: "Outcome", task: "Task") -> None:
+    from catheter.lab.commands import table
+    from catheter.pareto import pareto
+
+    front = pareto(task)
+    numbers = zip(front.radius_m.tolist(), front.length_ratio.tolist(), front.twist_rad.tolist(), strict=True)
+    found = [
+        {"angles_deg": angles, "radius_mm": 1e3 * radius, "lambda_x": ratio, "delta_rad": twist}
+        for angles, (radius, ratio, twist) in zip(_degrees(front.angles), numbers, strict=True)
+    ]
+    rows = [
+        [*(f"{x:g}" for x in p["angles_deg"]), f"{p['radius_mm']:.3f}", f"{p['lambda_x']:.4f}", f"{p['delta_rad']:.3g}"]
+        for p in found
+    ]
+    title = f"Pareto front: {len(rows)} designs that no other beats in R, lambda_x and delta at once"
+    outcome.values["pareto"] = found
+    outcome.parts.append(table(["alpha", "beta", "gamma", "R mm", "lambda_x", "delta rad"], rows, title, words=0))
 
 
 def _degrees(angles: Any) -> Any:
@@ -152,25 +178,33 @@ def _search_values(found: "Search", polished: "Polish | str", suffers: "Toleranc
         "valid": found.valid,
         "seconds": found.seconds,
         "other_torsion": shape_values(other.design(*found.ties[0])),
-        "polish": {"failed": polished}
-        if isinstance(polished, str)
-        else shape_values(polished.design)
-        | {"cost": polished.cost, "slope_per_rad": polished.slope, "boundary": polished.boundary},
-        "tolerance": {
-            "bars": [
-                {"what": b.what, "by": b.by, "unit": b.unit, "radius_mm": [1e3 * r for r in b.radius_m], "cost": b.cost}
-                for b in suffers.bars
-            ],
-            "quantiles": [0.05, 0.5, 0.95],
-            "radius_mm": [1e3 * r for r in suffers.radius_m],
-            "cost": suffers.cost,
-            "infeasible_share": suffers.failed,
-        },
+        "polish": _polish_values(polished),
+        "tolerance": _tolerance_values(suffers),
         "warning": ARTEFACT,
     }
 
 
-def _search_parts(scene: "Scene", found: "Search", polished: "Polish | str", suffers: "Tolerance") -> Iterator[Any]:
+def _polish_values(polished: "Polish | str") -> dict[str, Any]:
+    if isinstance(polished, str):
+        return {"failed": polished}
+    ends = {"cost": polished.cost, "slope_per_rad": polished.slope, "boundary": polished.boundary}
+    return shape_values(polished.design) | ends
+
+
+def _tolerance_values(suffers: "Tolerance") -> dict[str, Any]:
+    return {
+        "bars": [
+            {"what": b.what, "by": b.by, "unit": b.unit, "radius_mm": [1e3 * r for r in b.radius_m], "cost": b.cost}
+            for b in suffers.bars
+        ],
+        "quantiles": [0.05, 0.5, 0.95],
+        "radius_mm": [1e3 * r for r in suffers.radius_m],
+        "cost": suffers.cost,
+        "infeasible_share": suffers.failed,
+    }
+
+
+def _search_parts(scene: "Scene", found: "Search", polished: "Polish | str") -> Iterator[Any]:
     from catheter.lab.commands import table
 
     task, best = found.task, found.best
@@ -199,6 +233,11 @@ def _search_parts(scene: "Scene", found: "Search", polished: "Polish | str", suf
     elif polished.boundary:
         yield f"The continuous optimum lies at a boundary: {polished.boundary}."
     yield ARTEFACT
+
+
+def _tolerance_parts(suffers: "Tolerance") -> Iterator[Any]:
+    from catheter.lab.commands import table
+
     yield table(
         ["moved by", "R mm, down", "R mm, up", "cost, down", "cost, up"],
         [[_by(b), *(f"{1e3 * r:.3f}" for r in b.radius_m), *(f"{c:.4g}" for c in b.cost)] for b in suffers.bars],
@@ -222,24 +261,13 @@ def _by(bar: Any) -> str:
     return f"{bar.what} +-{size:.3g}{unit}"
 
 
-def _front_table(front: list[dict[str, Any]]) -> Any:
-    from catheter.lab.commands import table
-
-    rows = [
-        [
-            *(f"{x:g}" for x in p["angles_deg"]),
-            f"{p['radius_mm']:.3f}",
-            f"{p['lambda_x']:.4f}",
-            f"{p['delta_rad'] + 0.0:.3g}",
-        ]
-        for p in front
-    ]
-    title = f"Pareto front: {len(rows)} designs that no other beats in R, lambda_x and delta at once"
-    return table(["alpha", "beta", "gamma", "R mm", "lambda_x", "delta rad"], rows, title, words=0)
-
-
 def valve_(options: argparse.Namespace) -> "Outcome":
     """List the measured cones and what the thesis claims of them; interpolate or choose one."""
     from catheter.lab.valve_view import valve_outcome
 
-    return valve_outcome(options)
+    outcome = valve_outcome(options)
+    if options.out:
+        from catheter.lab.views.designs import save_valves
+
+        save_view(outcome, options, save_valves)
+    return outcome
