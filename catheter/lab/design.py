@@ -1,28 +1,19 @@
 """The commands that design: fibre angles of a spiral, cones of a valve."""
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import MISSING, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from data.errors import BadInput, CatheterError
 from data.files import fresh
 
 if TYPE_CHECKING:
-    from catheter.helix import Design
     from catheter.lab.commands import Outcome
     from catheter.lab.scene import Scene
-    from catheter.refine import Polish, Tolerance
-    from catheter.search import Search
+    from catheter.refine import Polish
     from catheter.task import Task
-
-ARTEFACT = (
-    "The grid's optimum is an artefact of its step: a finer step finds other angles, and the continuous"
-    " optimum lies elsewhere. Trust the tolerance, not the third digit of an angle."
-)
 
 
 def add_commands(command: Callable[[str, str], argparse.ArgumentParser]) -> None:
@@ -84,6 +75,7 @@ def _number(name: str, text: str) -> float:
 def free_(options: argparse.Namespace) -> "Outcome":
     """Search the fibre angles of a spiral, polish the best, and say what it is worth."""
     from catheter.lab.commands import Outcome
+    from catheter.lab.free_view import search_parts, search_values, tolerance_parts
     from catheter.lab.robot_view import robot_parts, robot_values
     from catheter.refine import polish, tolerance
     from catheter.search import search
@@ -95,8 +87,8 @@ def free_(options: argparse.Namespace) -> "Outcome":
     except CatheterError as error:
         polished = f"no continuous optimum: {error}"
     suffers = tolerance(task, found.best, scene.scatter)
-    values = _search_values(found, polished, suffers) | robot_values(task, found.best, scene.extender)
-    parts = [*_search_parts(scene, found, polished), *_tolerance_parts(suffers)]
+    values = search_values(found, polished, suffers) | robot_values(task, found.best, scene.extender)
+    parts = [*search_parts(scene, found, polished), *tolerance_parts(suffers)]
     outcome = Outcome(values, parts + robot_parts(task, found.best, scene.extender))
     if options.pareto:
         _add_front(outcome, task)
@@ -118,13 +110,14 @@ def save_view(outcome: "Outcome", options: argparse.Namespace, save: Callable[[P
 
 def _add_front(outcome: "Outcome", task: "Task") -> None:
     from catheter.lab.commands import table
+    from catheter.lab.free_view import degrees
     from catheter.pareto import pareto
 
     front = pareto(task)
     numbers = zip(front.radius_m.tolist(), front.length_ratio.tolist(), front.twist_rad.tolist(), strict=True)
     found = [
         {"angles_deg": angles, "radius_mm": 1e3 * radius, "lambda_x": ratio, "delta_rad": twist}
-        for angles, (radius, ratio, twist) in zip(_degrees(front.angles), numbers, strict=True)
+        for angles, (radius, ratio, twist) in zip(degrees(front.angles), numbers, strict=True)
     ]
     rows = [
         [*(f"{x:g}" for x in p["angles_deg"]), f"{p['radius_mm']:.3f}", f"{p['lambda_x']:.4f}", f"{p['delta_rad']:.3g}"]
@@ -133,132 +126,6 @@ def _add_front(outcome: "Outcome", task: "Task") -> None:
     title = f"Pareto front: {len(rows)} designs that no other beats in R, lambda_x and delta at once"
     outcome.values["pareto"] = found
     outcome.parts.append(table(["alpha", "beta", "gamma", "R mm", "lambda_x", "delta rad"], rows, title, words=0))
-
-
-def _degrees(angles: Any) -> Any:
-    """Return angles in degrees as lists, without the rounding of the way there and back."""
-    return (np.degrees(angles).round(9) + 0.0).tolist()
-
-
-def shape_values(shape: "Design") -> dict[str, Any]:
-    """Return a design as --json shows it: degrees and millimetres."""
-    return {
-        "alpha_deg": _degrees(shape.alpha_rad),
-        "beta_deg": _degrees(shape.beta_rad),
-        "gamma_deg": _degrees(shape.gamma_rad),
-        "volume_ratio": shape.volume_ratio,
-        "torsion": shape.torsion,
-        "axial_stretch": shape.axial,
-        "radial_stretch": shape.radial,
-        "limiter_stretch": shape.limiter,
-        "radius_mm": 1e3 * shape.radius_m,
-        "angle_deg": float(np.degrees(shape.angle_rad)),
-        "lambda_x": shape.length_ratio,
-        "delta_rad": shape.twist_rad,
-        "pitch_mm": 1e3 * shape.pitch_m,
-        "turns": shape.turns,
-    }
-
-
-def _search_values(found: "Search", polished: "Polish | str", suffers: "Tolerance") -> dict[str, Any]:
-    task = found.task
-    other = replace(task, torsion="exact" if task.torsion == "thesis" else "thesis")
-    return {
-        **shape_values(found.best),
-        "cost": found.cost,
-        "ties_deg": _degrees(found.ties),
-        "runner_up_deg": _degrees(found.runner_up),
-        "runner_up_cost": found.runner_up_cost,
-        "step_deg": _degrees(task.step),
-        "cells": found.cells,
-        "pairs": found.pairs,
-        "feasible_pairs": found.feasible_pairs,
-        "over_constrained": found.over_constrained,
-        "slack": found.slack,
-        "valid": found.valid,
-        "seconds": found.seconds,
-        "other_torsion": shape_values(other.design(*found.ties[0])),
-        "polish": _polish_values(polished),
-        "tolerance": _tolerance_values(suffers),
-        "warning": ARTEFACT,
-    }
-
-
-def _polish_values(polished: "Polish | str") -> dict[str, Any]:
-    if isinstance(polished, str):
-        return {"failed": polished}
-    ends = {"cost": polished.cost, "slope_per_rad": polished.slope, "boundary": polished.boundary}
-    return shape_values(polished.design) | ends
-
-
-def _tolerance_values(suffers: "Tolerance") -> dict[str, Any]:
-    return {
-        "bars": [
-            {"what": b.what, "by": b.by, "unit": b.unit, "radius_mm": [1e3 * r for r in b.radius_m], "cost": b.cost}
-            for b in suffers.bars
-        ],
-        "quantiles": [0.05, 0.5, 0.95],
-        "radius_mm": [1e3 * r for r in suffers.radius_m],
-        "cost": suffers.cost,
-        "infeasible_share": suffers.failed,
-    }
-
-
-def _search_parts(scene: "Scene", found: "Search", polished: "Polish | str") -> Iterator[Any]:
-    from catheter.lab.commands import table
-
-    task, best = found.task, found.best
-    yield (
-        f"{scene.heading.title}: {_degrees(task.step):g} deg grid of {found.cells:,} designs at"
-        f" V = {task.volume_ratio:g}, {found.seconds:.2f} s"
-    )
-    yield (
-        f"{found.feasible_pairs:,} of {found.pairs:,} pairs reach it; with a third fibre {found.valid:,}"
-        f" designs are valid,\n{found.over_constrained:,} over-constrained, {found.slack:,} slack."
-    )
-    other = replace(task, torsion="exact" if task.torsion == "thesis" else "thesis")
-    rows = [_row("grid", best, found.cost), _row("runner-up", task.design(*found.runner_up), found.runner_up_cost)]
-    physical = other.design(*found.ties[0])
-    rows.append(_row(f"{other.torsion} torsion", physical, other.cost_of(physical)))
-    if not isinstance(polished, str):
-        rows.insert(2, _row("polished", polished.design, polished.cost))
-    header = ["design", "alpha", "beta", "gamma", "cost", "R mm", "lambda_x", "twist", "pitch", "turns"]
-    yield table(
-        header,
-        rows,
-        f"Angles in deg, R, pitch in mm, twist in rad; target R {1e3 * task.wanted_radius:g}; {task.torsion} torsion",
-    )
-    if isinstance(polished, str):
-        yield polished
-    elif polished.boundary:
-        yield f"The continuous optimum lies at a boundary: {polished.boundary}."
-    yield ARTEFACT
-
-
-def _tolerance_parts(suffers: "Tolerance") -> Iterator[Any]:
-    from catheter.lab.commands import table
-
-    yield table(
-        ["moved by", "R mm, down", "R mm, up", "cost, down", "cost, up"],
-        [[_by(b), *(f"{1e3 * r:.3f}" for r in b.radius_m), *(f"{c:.4g}" for c in b.cost)] for b in suffers.bars],
-        "Tolerance: one thing moved by its standard deviation",
-    )
-    r, c = [1e3 * x for x in suffers.radius_m], suffers.cost
-    yield (
-        f"All at once, {suffers.scatter.samples:,} draws: R {r[0]:.2f} to {r[2]:.2f} mm, cost {c[0]:.3g} to {c[2]:.3g}"
-        f" (5 to 95 %), {suffers.failed:.1%} infeasible"
-    )
-
-
-def _row(name: str, shape: "Design", cost: float) -> list[str]:
-    angles = [f"{x:.6g}" for x in np.degrees([shape.alpha_rad, shape.beta_rad, shape.gamma_rad]).round(3)]
-    numbers = [f"{1e3 * shape.radius_m:.3f}", f"{shape.length_ratio:.4f}", f"{shape.twist_rad + 0.0:.3g}"]
-    return [name, *angles, f"{cost:.3g}", *numbers, f"{1e3 * shape.pitch_m:.2f}", f"{shape.turns:.2f}"]
-
-
-def _by(bar: Any) -> str:
-    size, unit = {"rad": (np.degrees(bar.by), " deg"), "m": (1e3 * bar.by, " mm")}.get(bar.unit, (bar.by, ""))
-    return f"{bar.what} +-{size:.3g}{unit}"
 
 
 def valve_(options: argparse.Namespace) -> "Outcome":
