@@ -32,7 +32,7 @@ class Helix:
 
     axial: l1 of the tube; limiter: axial stretch l_g of the inner line; curvature, torsion [1/m] of
     the centre line; twist_rad: delta over the whole length; length: L [m]. Numbers mean something
-    where `state` is VALID.
+    where `state` is VALID; radius, length ratio and pitch are NaN for k = tau = 0, a straight tube.
     """
 
     axial: Array
@@ -46,7 +46,7 @@ class Helix:
     @property
     def radius_m(self) -> Array:
         """Radius of the helix (thesis eq. 3.15): R = k / (k^2 + tau^2)."""
-        return np.asarray(self.curvature / (self.curvature**2 + self.torsion**2))
+        return self._over_square(self.curvature)
 
     @property
     def angle_rad(self) -> Array:
@@ -57,12 +57,17 @@ class Helix:
     def length_ratio(self) -> Array:
         """lambda_x, axial length over L (thesis eq. 3.17 divided by its L): l1 |sin phi|."""
         sign = np.sign(np.real(self.torsion))
-        return np.asarray(self.axial * sign * self.torsion / np.sqrt(self.curvature**2 + self.torsion**2))
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self.axial * sign * self.torsion / np.sqrt(self.curvature**2 + self.torsion**2))
 
     @property
     def pitch_m(self) -> Array:
         """Rise in one turn, signed with the hand: 2 pi R tan(phi) = 2 pi tau / (k^2 + tau^2)."""
-        return np.asarray(2 * np.pi * self.torsion / (self.curvature**2 + self.torsion**2))
+        return self._over_square(2 * np.pi * self.torsion)
+
+    def _over_square(self, value: Array) -> Array:
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(value / (self.curvature**2 + self.torsion**2))
 
     @property
     def turns(self) -> Array:

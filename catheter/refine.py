@@ -60,15 +60,17 @@ class Polish:
     boundary: str
 
 
-def polish(task: Task, start: tuple[float, float, float], *, keep_alpha: bool = False, most_steps: int = 500) -> Polish:
+def polish(task: Task, start: tuple[float, float, float], *, keep_alpha: bool = False, most_steps: int = 200) -> Polish:
     """Return the continuous optimum below a design (alpha, beta, gamma) in rad: damped Gauss-Newton.
 
     Angles stay within `LIMIT`; keep_alpha holds the first one. A step into what is infeasible is
-    shortened. Raises Infeasible for a start that is, DidNotConverge with the slope left.
+    shortened. In a flat valley it ends after most_steps once a millionth of the cost is left, with the slope
+    in the result. Raises Infeasible for a start that is, DidNotConverge with the slope left.
     """
     x = np.clip(np.array(start, dtype=np.float64), -LIMIT, LIMIT)
     movable, damping = np.array([not keep_alpha, True, True]), 1e-3
-    if not np.isfinite(residuals(task, x)).all():
+    begun = residuals(task, x)
+    if not np.isfinite(begun).all():
         task.design(*start)  # says why
         raise Infeasible("the start of the polish lies too close to +-90 deg; start from another design")
     for steps in range(most_steps):
@@ -81,6 +83,8 @@ def polish(task: Task, start: tuple[float, float, float], *, keep_alpha: bool = 
         if following is None or slope <= 1e-12:
             return _polished(task, x, slope, steps)
         x = following
+    if r @ r <= 1e-6 * (begun @ begun):
+        return _polished(task, x, slope, most_steps)
     raise DidNotConverge(
         f"polish from {np.round(np.degrees(start), 3)} deg: slope {slope:.2g} 1/rad left after {most_steps} steps;"
         " start closer, or allow more steps"

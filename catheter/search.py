@@ -91,7 +91,8 @@ class Search:
 
     ties: (alpha, beta, gamma) in rad of every cell that costs as little as `best`, the thesis's
     choice of signs (alpha > 0, gamma < 0) first. runner_up, runner_up_cost: the next distinct cost
-    (infinite when there is none). slack includes the cells whose third fibre lies along one of the others.
+    (infinite, and the best cell again, when there is none). slack includes the cells whose third
+    fibre lies along one of the others.
     """
 
     task: Task
@@ -121,14 +122,15 @@ def search(task: Task) -> Search:
         for mirrored in (False, True)[: 1 if task.target_twist == 0 else 2]:
             kept.append(_cheapest(block, block.costs(task, mirrored), mirrored))
     cost = np.concatenate([costs for costs, _ in kept]) if kept else np.array([])
-    if not np.isfinite(cost).any():
+    finite = np.isfinite(cost)
+    if not finite.any():
         raise Infeasible(
             f"none of the {counts[0]} feasible pairs makes a helix at V = {task.volume_ratio:g}: {counts[1]} designs"
             f" are over-constrained, {counts[2]} slack; change the volume ratio or the step"
         )
+    cost, cells = cost[finite], np.concatenate([cells for _, cells in kept])[finite]
     order = np.argsort(cost, kind="stable")
-    cost, cells = cost[order], np.concatenate([cells for _, cells in kept])[order]
-    return _found(task, cost, cells, counts, started)
+    return _found(task, cost[order], cells[order], counts, started)
 
 
 def _found(task: Task, cost: Array, cells: NDArray[np.int64], counts: NDArray[np.int64], started: float) -> Search:

@@ -37,7 +37,7 @@ class Task:
     weight_length: float = option(1.0, least=0.0)
     weight_twist: float = option(1.0, unit="rad^-2", least=0.0)
     torsion: str = option("thesis", choices=("thesis", "exact"))
-    step: float = option(DEGREE, unit="rad", least=0.01 * DEGREE, most=45 * DEGREE)
+    step: float = option(DEGREE, unit="rad", least=0.1 * DEGREE, most=45 * DEGREE)
 
     @property
     def wanted_radius(self) -> float:

@@ -183,6 +183,25 @@ def test_a_task_that_cannot_be_is_refused() -> None:
         cost_field(Task(step=0.1 * DEGREE))
 
 
+def test_a_grid_of_one_valid_cell_has_no_runner_up(capsys) -> None:
+    found = search(Task(step=45 * DEGREE))
+    assert found.runner_up_cost == np.inf
+    assert len(found.ties) == found.valid
+    assert cli.run(["free", "--step", "45 deg"]) == 0
+    assert "runner-up" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "differs", [{"volume_ratio": 0.9, "step": 5 * DEGREE}, {"target_twist": 2.0, "step": 2 * DEGREE}]
+)
+def test_a_flat_valley_ends_with_almost_nothing_left(differs) -> None:
+    task = Task(**differs)
+    found = search(task)
+    end = polish(task, found.ties[0])
+    assert end.cost < 1e-6 * found.cost
+    assert end.slope < 0.1
+
+
 def test_the_shipped_scene_is_the_thesis_task() -> None:
     task = Scene.load("free").task
     assert degrees(task.step) == 1

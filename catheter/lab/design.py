@@ -2,9 +2,9 @@
 
 import argparse
 from collections.abc import Callable
-from dataclasses import MISSING, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from data.errors import BadInput, CatheterError
 from data.files import fresh
@@ -16,6 +16,15 @@ if TYPE_CHECKING:
     from catheter.task import Task
 
 
+EXAMPLES = {  # by SI unit, what an option is given as
+    "m": ("LENGTH", "'5 mm'"),
+    "rad": ("ANGLE", "'1 deg'"),
+    "m^-2": ("WEIGHT", "'1 mm^-2'"),
+    "rad^-2": ("WEIGHT", "'1 rad^-2'"),
+    "": ("NUMBER", "a number"),
+}
+
+
 def add_commands(command: Callable[[str, str], argparse.ArgumentParser]) -> None:
     """Add `free` and `valve` to the command line; the task's options take their names from its fields."""
     from catheter.task import Task
@@ -23,11 +32,10 @@ def add_commands(command: Callable[[str, str], argparse.ArgumentParser]) -> None
     free = command("free", "search the fibre angles of a spiral (default: the thesis's task)")
     free.add_argument("scene", nargs="?", default="free", help="a shipped scene (free), or a .toml file")
     for each in fields(Task):
-        unit, name = each.metadata["unit"], each.name.replace("_", "-")
-        example = {"m": "MM, as '5 mm'", "rad": "ANGLE, as '1 deg'", "": "VALUE"}.get(unit, f"VALUE in {unit}")
-        free.add_argument(
-            f"--{name}", dest=f"task_{each.name}", metavar=example.split(",")[0], help=_help(each, example)
-        )
+        name, (metavar, example) = each.name.replace("_", "-"), EXAMPLES[each.metadata["unit"]]
+        example = " or ".join(each.metadata["choices"]) or example
+        help_text = f"{each.name.replace('_', ' ')}, as {example} (default: the scene's)"
+        free.add_argument(f"--{name}", dest=f"task_{each.name}", metavar=metavar, help=help_text)
     free.add_argument("--pareto", action="store_true", help="also list the Pareto front of R, lambda_x and delta")
     free.add_argument("--out", metavar="FILE.rrd", help="also write a dashboard: the spiral inflating, the cost field")
     free.add_argument("--force", action="store_true", help="overwrite the dashboard")
@@ -40,11 +48,6 @@ def add_commands(command: Callable[[str, str], argparse.ArgumentParser]) -> None
     valve.add_argument("--reverse", metavar="PRESSURE", help="choose a cone that cracks in reverse at, as '12 psi'")
     valve.add_argument("--out", metavar="FILE.rrd", help="also write a dashboard: the map of the ratio")
     valve.add_argument("--force", action="store_true", help="overwrite the dashboard")
-
-
-def _help(each: Any, example: str) -> str:
-    default = "" if each.default in (None, MISSING) else f"; default {each.default:.6} {each.metadata['unit']}".rstrip()
-    return f"{each.name.replace('_', ' ')} ({example.replace('%', '%%')}{default})"
 
 
 def _asked(options: argparse.Namespace) -> tuple["Scene", "Task"]:

@@ -44,6 +44,7 @@ def shape_values(shape: Design) -> dict[str, Any]:
 
 
 def search_values(found: Search, polished: Polish | str, suffers: Tolerance) -> dict[str, Any]:
+    """Return a search with its polish, its twin under the other torsion and its tolerance for --json."""
     task = found.task
     other = replace(task, torsion="exact" if task.torsion == "thesis" else "thesis")
     return {
@@ -88,6 +89,7 @@ def _tolerance_values(suffers: Tolerance) -> dict[str, Any]:
 
 
 def search_parts(scene: Scene, found: Search, polished: Polish | str) -> Iterator[Any]:
+    """Yield the same for people: counts, designs side by side, and what to think of them."""
     task, best = found.task, found.best
     yield (
         f"{scene.heading.title}: {degrees(task.step):g} deg grid of {found.cells:,} designs at"
@@ -98,11 +100,13 @@ def search_parts(scene: Scene, found: Search, polished: Polish | str) -> Iterato
         f" designs are valid,\n{found.over_constrained:,} over-constrained, {found.slack:,} slack."
     )
     other = replace(task, torsion="exact" if task.torsion == "thesis" else "thesis")
-    rows = [_row("grid", best, found.cost), _row("runner-up", task.design(*found.runner_up), found.runner_up_cost)]
+    rows = [_row("grid", best, found.cost)]
+    if np.isfinite(found.runner_up_cost):
+        rows.append(_row("runner-up", task.design(*found.runner_up), found.runner_up_cost))
     physical = other.design(*found.ties[0])
     rows.append(_row(f"{other.torsion} torsion", physical, other.cost_of(physical)))
     if not isinstance(polished, str):
-        rows.insert(2, _row("polished", polished.design, polished.cost))
+        rows.insert(-1, _row("polished", polished.design, polished.cost))
     header = ["design", "alpha", "beta", "gamma", "cost", "R mm", "lambda_x", "twist", "pitch", "turns"]
     yield table(
         header,
@@ -117,6 +121,7 @@ def search_parts(scene: Scene, found: Search, polished: Polish | str) -> Iterato
 
 
 def tolerance_parts(suffers: Tolerance) -> Iterator[Any]:
+    """Yield the tolerance bars, and all scatter at once."""
     yield table(
         ["moved by", "R mm, down", "R mm, up", "cost, down", "cost, up"],
         [[_by(b), *(f"{1e3 * r:.3f}" for r in b.radius_m), *(f"{c:.4g}" for c in b.cost)] for b in suffers.bars],
