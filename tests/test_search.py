@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import time
 
 import numpy as np
 import pytest
@@ -56,7 +57,12 @@ def test_counts_of_the_thesis_grid(thesis, field) -> None:
 
 
 def test_the_whole_grid_takes_less_than_half_a_second() -> None:
-    assert min(search(Task()).seconds for _ in range(3)) < 0.5
+    taken = []
+    for _ in range(3):
+        started = time.process_time()  # of one core: nothing here runs on two, and others may be at work
+        search(Task())
+        taken.append(time.process_time() - started)
+    assert min(taken) < 0.5
 
 
 def test_the_next_costs_are_the_published_ones(field) -> None:
