@@ -12,6 +12,8 @@ from typing import Any, NoReturn
 
 from data.errors import BadInput, CatheterError, RecordingCut
 
+REPORTS = ("regression", "hysteresis", "recordings", "damage", "free", "stability-free", "valves")
+
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
@@ -20,6 +22,8 @@ class _Parser(argparse.ArgumentParser):
 
 def parser() -> argparse.ArgumentParser:
     """Return the argument parser of all commands."""
+    from catheter.lab import design
+
     root = _Parser(
         prog="catheter",
         description="Simulation-and-experiment toolkit for a hydraulic soft catheter robot.",
@@ -62,11 +66,13 @@ def parser() -> argparse.ArgumentParser:
     record.add_argument("--force", action="store_true", help="overwrite the output")
 
     report = command("report", "error against run time, as CSV, table and picture")
-    report.add_argument("name", choices=("regression", "hysteresis", "recordings", "damage"), help="which report")
+    report.add_argument("name", choices=REPORTS, help="which report")
     report.add_argument("--recording", metavar="FILE.mcap", help="for hysteresis: judge on this recording")
     report.add_argument("--out", metavar="FOLDER", default="out", help="the folder to write to (default: out)")
     report.add_argument("--force", action="store_true", help="overwrite an earlier report")
     report.add_argument("--quick", action="store_true", help="fewer levels, seconds instead of minutes")
+
+    design.add_commands(command)
 
     table = command("table", "print a table of the thesis, with units and source")
     table.add_argument("number", nargs="?", help="such as 3.3 (default: list them)")
@@ -107,11 +113,13 @@ def _explain(error: BaseException) -> tuple[str, int]:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from catheter.lab import commands
+    from catheter.lab import commands, design
 
+    name = f"{options.command}_"
+    work = getattr(commands, name, None) or getattr(design, name)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RecordingCut)
-        outcome = getattr(commands, f"{options.command}_")(options)
+        outcome = work(options)
     if options.json:
         print(json.dumps(_plain(outcome.values), indent=1, allow_nan=False))
     else:
