@@ -36,13 +36,13 @@ def loaded(code: str) -> set[str]:
         ),
         (
             "from catheter.lab.replay import Replay; from data.recording import Recording\n"
-            "from catheter.lab.commands import SHIPPED\n"
+            "from catheter.lab.recording_commands import SHIPPED\n"
             "r = Replay(Recording(SHIPPED)); r.signals; r.title",
             {"numba", "scipy"},  # the reader's compiled loops
         ),
         (
             "from catheter.lab.replay import Replay; from data.recording import Recording\n"
-            "from catheter.lab.commands import SHIPPED\n"
+            "from catheter.lab.recording_commands import SHIPPED\n"
             "Replay(Recording(SHIPPED)).models",
             {"numba", "scipy", "pint"},
         ),

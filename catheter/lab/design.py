@@ -10,7 +10,7 @@ from data.errors import BadInput, CatheterError
 from data.files import fresh
 
 if TYPE_CHECKING:
-    from catheter.lab.commands import Outcome
+    from catheter.lab.outcome import Outcome
     from catheter.lab.scene import Scene
     from catheter.refine import Polish
     from catheter.task import Task
@@ -25,29 +25,33 @@ EXAMPLES = {  # by SI unit, what an option is given as
 }
 
 
-def add_commands(command: Callable[[str, str], argparse.ArgumentParser]) -> None:
-    """Add `free` and `valve` to the command line; the task's options take their names from its fields."""
+def free_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `free`; the task's take their names from its fields."""
     from catheter.task import Task
 
-    free = command("free", "search the fibre angles of a spiral (default: the thesis's task)")
-    free.add_argument("scene", nargs="?", default="free", help="a shipped scene (free), or a .toml file")
+    parser.add_argument("scene", nargs="?", default="free", help="a shipped scene (free), or a .toml file")
     for each in fields(Task):
         name, (metavar, example) = each.name.replace("_", "-"), EXAMPLES[each.metadata["unit"]]
         example = " or ".join(each.metadata["choices"]) or example
         help_text = f"{each.name.replace('_', ' ')}, as {example} (default: the scene's)"
-        free.add_argument(f"--{name}", dest=f"task_{each.name}", metavar=metavar, help=help_text)
-    free.add_argument("--pareto", action="store_true", help="also list the Pareto front of R, lambda_x and delta")
-    free.add_argument("--out", metavar="FILE.rrd", help="also write a dashboard: the spiral inflating, the cost field")
-    free.add_argument("--force", action="store_true", help="overwrite the dashboard")
-    valve = command("valve", "list the conical valves, interpolate one, or choose one")
-    valve.add_argument("scene", nargs="?", help="a shipped scene (valve), or a .toml file, with what is wanted")
-    valve.add_argument("--angle", metavar="ANGLE", help="cone angle, as '35 deg'; with --thickness")
-    valve.add_argument("--thickness", metavar="LENGTH", help="cone thickness, as '0.075 inch'; with --angle")
-    valve.add_argument("--ratio", type=float, help="choose a cone of this Prev/Pfwd - 1")
-    valve.add_argument("--forward", metavar="PRESSURE", help="choose a cone that cracks forward at, as '20 kPa'")
-    valve.add_argument("--reverse", metavar="PRESSURE", help="choose a cone that cracks in reverse at, as '12 psi'")
-    valve.add_argument("--out", metavar="FILE.rrd", help="also write a dashboard: the map of the ratio")
-    valve.add_argument("--force", action="store_true", help="overwrite the dashboard")
+        parser.add_argument(f"--{name}", dest=f"task_{each.name}", metavar=metavar, help=help_text)
+    parser.add_argument("--pareto", action="store_true", help="also list the Pareto front of R, lambda_x and delta")
+    parser.add_argument(
+        "--out", metavar="FILE.rrd", help="also write a dashboard: the spiral inflating, the cost field"
+    )
+    parser.add_argument("--force", action="store_true", help="overwrite the dashboard")
+
+
+def valve_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `valve`."""
+    parser.add_argument("scene", nargs="?", help="a shipped scene (valve), or a .toml file, with what is wanted")
+    parser.add_argument("--angle", metavar="ANGLE", help="cone angle, as '35 deg'; with --thickness")
+    parser.add_argument("--thickness", metavar="LENGTH", help="cone thickness, as '0.075 inch'; with --angle")
+    parser.add_argument("--ratio", type=float, help="choose a cone of this Prev/Pfwd - 1")
+    parser.add_argument("--forward", metavar="PRESSURE", help="choose a cone that cracks forward at, as '20 kPa'")
+    parser.add_argument("--reverse", metavar="PRESSURE", help="choose a cone that cracks in reverse at, as '12 psi'")
+    parser.add_argument("--out", metavar="FILE.rrd", help="also write a dashboard: the map of the ratio")
+    parser.add_argument("--force", action="store_true", help="overwrite the dashboard")
 
 
 def _asked(options: argparse.Namespace) -> tuple["Scene", "Task"]:
@@ -77,8 +81,8 @@ def _number(name: str, text: str) -> float:
 
 def free_(options: argparse.Namespace) -> "Outcome":
     """Search the fibre angles of a spiral, polish the best, and say what it is worth."""
-    from catheter.lab.commands import Outcome
     from catheter.lab.free_view import search_parts, search_values, tolerance_parts
+    from catheter.lab.outcome import Outcome
     from catheter.lab.robot_view import robot_parts, robot_values
     from catheter.refine import polish, tolerance
     from catheter.search import search
@@ -112,8 +116,8 @@ def save_view(outcome: "Outcome", options: argparse.Namespace, save: Callable[[P
 
 
 def _add_front(outcome: "Outcome", task: "Task") -> None:
-    from catheter.lab.commands import table
     from catheter.lab.free_view import degrees
+    from catheter.lab.outcome import table
     from catheter.pareto import pareto
 
     front = pareto(task)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from catheter.helix import Design
-from catheter.lab.commands import table
+from catheter.lab.outcome import table
 from catheter.lab.scene import Scene
 from catheter.refine import Bar, Polish, Tolerance
 from catheter.search import Search

@@ -55,7 +55,7 @@ def _deg(angle: float | None) -> float | None:
 
 def robot_parts(task: Task, spiral: Design, extender: Extender) -> list[Any]:
     """Return the same for people."""
-    from catheter.lab.commands import table
+    from catheter.lab.outcome import table
 
     parts: list[Any] = [
         f"Occlusion: the tube fills {task.occlusion:.1%} of the cannula ({task.occlusion_limit:.0%} allowed)."

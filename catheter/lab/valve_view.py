@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from catheter.lab.commands import Outcome, table
+from catheter.lab.outcome import Outcome, table
 from catheter.lab.scene import Scene
 from catheter.valve import INCH, Choice, Wanted, choose, cone, measured
 from catheter.valve_claims import claims
