@@ -10,7 +10,7 @@ import rerun.blueprint as rrb
 
 from catheter.free import Array, inflate
 from catheter.helix import Design, HelixState
-from catheter.search import cost_field
+from catheter.search import cost_field, half_steps
 from catheter.task import DEGREE, Task
 from catheter.valve import INCH, cone, measured
 from data.files import cannot_write
@@ -19,6 +19,7 @@ VOLUMES = 40
 RINGS, SIDES = 241, 20  # of the tube's mesh
 MOST_POINTS = 3000  # of one fibre: a steep one winds hundreds of times
 TIMELINE = "volume_ratio_1000"  # a sequence: 1000 times V
+PANELS = (rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed"))
 COLOURS = {"alpha": (230, 120, 40), "beta": (60, 130, 220), "gamma": (210, 40, 60)}
 
 
@@ -38,9 +39,19 @@ def save_free(task: Task, spiral: Design, path: Path) -> None:
         stream.log("/cost", tensor, static=True)
         views = [
             rrb.Spatial3DView(name="spiral over volume ratio, computed", origin="/spiral"),
-            rrb.TensorView(name="log10 cost over alpha, beta, gamma, computed", origin="/cost"),
+            rrb.TensorView(
+                name="log10 cost over alpha, beta, gamma, computed",
+                origin="/cost",
+                slice_selection=rrb.TensorSliceSelection(
+                    width=1,
+                    height=0,
+                    indices=[rr.TensorDimensionIndexSelection(dimension=2, index=_nearest(coarse, spiral.gamma_rad))],
+                    slider=[2],
+                ),
+            ),
         ]
-        stream.send_blueprint(rrb.Blueprint(rrb.Horizontal(*views), rrb.TimePanel(timeline=TIMELINE)))
+        time = rrb.TimePanel(timeline=TIMELINE, state="collapsed")
+        stream.send_blueprint(rrb.Blueprint(rrb.Horizontal(*views), *PANELS, time))
 
     _write("free", path, log)
 
@@ -60,9 +71,14 @@ def save_valves(path: Path) -> None:
         )
         stream.log("/ratio", rr.Tensor(ratio, dim_names=names, value_range=(0.0, float(ratio.max()))), static=True)
         view = rrb.TensorView(name="Prev / Pfwd - 1, measured cones and between", origin="/ratio")
-        stream.send_blueprint(rrb.Blueprint(view))
+        stream.send_blueprint(rrb.Blueprint(view, *PANELS, rrb.TimePanel(state="hidden")))
 
     _write("valves", path, log)
+
+
+def _nearest(task: Task, gamma_rad: float) -> int:
+    """Return the index of a gamma on the grid's axis."""
+    return round(gamma_rad / task.step) + half_steps(task)
 
 
 def _write(name: str, path: Path, log: Callable[[rr.RecordingStream], None]) -> None:
