@@ -49,15 +49,15 @@ def _product(a: np.uint64, b: np.uint64) -> tuple[np.uint64, np.uint64]:
 
 
 @njit(cache=True, nogil=True)
-def _nearest(digits: np.uint64, q: int, table: Words) -> np.uint64:
-    """Return the bits of the double nearest to digits * 10^q > 0; 0 where that is not certain."""
+def _nearest(digits: np.uint64, q: int, power: np.uint64, power_rest: np.uint64) -> np.uint64:
+    """Return the bits of the double nearest to digits * 10^q > 0; 0 where that is not certain. Powers: words of 5^q."""
     zeros = 0
     while digits & (_ONE << _U(63)) == 0:
         digits <<= _ONE
         zeros += 1
-    high, low = _product(digits, table[q - LEAST, 0])
+    high, low = _product(digits, power)
     if high & _U(0x1FF) == _U(0x1FF):
-        more, _ = _product(digits, table[q - LEAST, 1])
+        more, _ = _product(digits, power_rest)
         low += more
         if low < more:
             high += _ONE
@@ -80,51 +80,55 @@ def _nearest(digits: np.uint64, q: int, table: Words) -> np.uint64:
     return (mantissa & ~(_ONE << _U(52))) | (_U(exponent) << _U(52))
 
 
-@njit(cache=True, nogil=True)
-def number(text: Bytes, at: int, end: int, table: Words) -> tuple[int, np.uint64]:  # noqa: PLR0912, one grammar
+@njit(cache=True, nogil=True, inline="always")
+def _digits(text: Bytes, at: int, end: int, before: np.uint64) -> tuple[int, np.uint64]:
+    """Return where a run of digits ends, and `before` continued by them."""
+    while at < end:
+        digit = text[at] - np.uint8(48)  # wraps: what stands before "0" becomes large
+        if digit > 9:
+            break
+        before = before * _U(10) + _U(digit)
+        at += 1
+    return at, before
+
+
+@njit(cache=True, nogil=True, inline="always")
+def number(text: Bytes, at: int, end: int, table: Words) -> tuple[int, np.uint64]:  # noqa: PLR0911, one grammar
     """Read a JSON number from text[at:end]: where it ends (-1: none, or not certain), and its bits."""
-    zero, failed = _U(0), (-1, _U(0))
-    sign = zero
+    failed, sign = (-1, _U(0)), _U(0)
     if at < end and text[at] == 45:
         sign = _ONE << _U(63)
         at += 1
-    first, digits, q, point = at, zero, 0, -1
-    while at < end:
-        c = text[at]
-        if 48 <= c <= 57:
-            digits = digits * _U(10) + _U(c - 48)
-        elif c == 46 and point < 0:
-            point = at
-        else:
-            break
-        at += 1
-    whole = (point if point >= 0 else at) - first
-    count = at - first - (1 if point >= 0 else 0)
-    if whole < 1 or at - 1 == point or (whole > 1 and text[first] == 48):
+    first = at
+    at, digits = _digits(text, at, end, _U(0))
+    if at == first or (at - first > 1 and text[first] == 48):
         return failed
-    skip = first  # zeros before the first digit do not count
-    while count > 19 and skip < at and (text[skip] == 48 or skip == point):
-        count -= 0 if skip == point else 1
-        skip += 1
-    if count > 19:
-        return failed
-    if point >= 0:
-        q = point + 1 - at
+    count, q = at - first, 0
+    if at < end and text[at] == 46:
+        fraction = at + 1
+        at, digits = _digits(text, fraction, end, digits)
+        q = fraction - at
+        if q == 0:
+            return failed
+        count -= q
+    if count > 19:  # zeros before the first digit do not count
+        while first < at and (text[first] == 48 or text[first] == 46):
+            count -= text[first] == 48
+            first += 1
+        if count > 19:
+            return failed
     if at < end and text[at] | 32 == 101:
         at += 1
         minus = at < end and text[at] == 45
         if at < end and (text[at] == 45 or text[at] == 43):
             at += 1
-        power, power_at = 0, at
-        while at < end and 48 <= text[at] <= 57:
-            power = min(power * 10 + int(text[at] - 48), 99999)
-            at += 1
-        if at == power_at:
+        at, power = _digits(text, at, min(end, at + 5), _U(0))
+        if not 48 <= text[at - 1] <= 57 or (at < end and 48 <= text[at] <= 57):
             return failed
-        q += -power if minus else power
-    if digits == zero:
+        q += -int(power) if minus else int(power)
+    if digits == _U(0):
         return at, sign
     if not LEAST <= q <= MOST:
         return failed
-    bits = _nearest(digits, q, table)
+    bits = _nearest(digits, q, table[q - LEAST, 0], table[q - LEAST, 1])
     return (at, bits | sign) if bits else failed

@@ -136,10 +136,12 @@ def _fill(  # noqa: PLR0917, compiled functions take arrays, not objects
         end = at + length[wanted[i]]
         fits = True
         for gap in range(len(ends)):
-            while literal < ends[gap] and at < end and buffer[at] == literals[literal]:
-                literal += 1
-                at += 1
-            fits = literal == ends[gap]
+            size = ends[gap] - literal
+            fits = at + size <= end
+            if fits:
+                for k in range(size):
+                    fits &= buffer[at + k] == literals[literal + k]
+            literal, at = ends[gap], at + size
             if fits and gap < len(columns):
                 at, bits = _text(buffer, at, end) if columns[gap] == _TEXT else number(buffer, at, end, table)
                 fits = at >= 0

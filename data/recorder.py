@@ -30,11 +30,10 @@ class Recorder:
             recorder.add(standard("/pressure"))
             recorder.write("/pressure", 0.012, 101.3e3)
 
-    Until it is complete the file is named run.partial.mcap; complete, it moves to run.mcap in one
-    step. A crash or a kill leaves the partial file, readable up to the last flush: a flush closes
-    the open chunk every `flush_s` seconds of real time (None: only when a chunk is full, for data
-    that is made faster than it happens). An older run.mcap stays untouched until then, and is
-    replaced only with `replace`.
+    Until it is complete the file is named run.partial.mcap; complete, it moves to run.mcap in
+    one step. A crash or a kill leaves the partial file, readable up to its last `flush_s`
+    seconds of real time (None: up to the last full chunk, for data that is made faster than it
+    happens). An older run.mcap stays untouched until then, and is replaced only with `replace`.
 
     origin: must say `kind`: "simulated" or "measured". scene: the scene's TOML text.
     truth: the parameters that made a simulated recording.
@@ -93,7 +92,7 @@ class Recorder:
             raise cannot_write(self.path, error) from error
         self._stop.clear()
         if self._flush_s is not None:
-            self._timer = threading.Thread(target=self._flush_often, args=(self._flush_s,), daemon=True)
+            self._timer = threading.Thread(target=self._flush_often, args=(0.7 * self._flush_s,), daemon=True)
             self._timer.start()
         return self
 
@@ -245,6 +244,7 @@ class Recorder:
             self._writer.add_message(channel, log_time=stamp, data=data, publish_time=stamp)
 
     def _flush_often(self, every_s: float) -> None:
+        """Close the open chunk again and again; the caller leaves time for the flush itself."""
         while not self._stop.wait(every_s):
             with self._lock:
                 if self._stop.is_set():

@@ -1,13 +1,14 @@
 """Reading recordings: columns of a topic, windows of time, pictures one by one, checksums always."""
 
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ from data.topics import Topic
 
 if TYPE_CHECKING:
     import pandas as pd
+
+Found = TypeVar("Found")
 
 # One fixed set of words for what a user may find in `Recording.kind`.
 SIMULATED, MEASURED, UNSTATED = "simulated", "measured", "unstated"
@@ -58,7 +61,7 @@ class Recording:
         with Recording("run.mcap") as recording:
             pressure = recording.signal("/pressure")
 
-    Whatever the file's length, memory holds one chunk and what is asked for. Every chunk that is
+    Whatever the file's length, memory holds three chunks and what is asked for. Every chunk that is
     read has its checksum verified. A file that was cut off is read up to the cut, which `cut` and
     a RecordingCut warning put in words. Times are seconds from `start_ns`, the first message.
     Raises BadInput for a file that is no recording, DamagedRecording for one whose bytes changed.
@@ -153,11 +156,14 @@ class Recording:
         base = Signal(np.empty(0), np.empty(0), unit, channel.topic.frame, (), channel.topic.note, topic)
         single = len(columns) == 1
         names = () if single else tuple(channel.topic.components[i] for i in columns)
+        numbers = channel.reader.numbers
+        assert numbers is not None
+
+        def decoded(messages: Messages) -> tuple[Array, Array]:
+            return self._seconds(messages.stamp_ns), numbers.decode(messages, place)[:, columns]
+
         last_s, total = -np.inf, 0
-        for messages in self._messages(channel, start_s, end_s):
-            assert channel.reader.numbers is not None
-            values = channel.reader.numbers.decode(messages, place)[:, columns]
-            time_s = self._seconds(messages.stamp_ns)
+        for time_s, values in self._each(channel, start_s, end_s, decoded):
             check_increasing(time_s, place)
             if time_s[0] <= last_s:
                 check_increasing(np.array([last_s, time_s[0]]), place)
@@ -172,7 +178,7 @@ class Recording:
         channel = self._channel(topic)
         if not channel.topic.is_camera:
             raise BadInput(f"{self.path}, {topic}", "is no camera", f"it holds {channel.topic.components}")
-        for messages in self._messages(channel, start_s, end_s):
+        for messages in self._each(channel, start_s, end_s, _same):
             for index, time_s in enumerate(self._seconds(messages.stamp_ns).tolist()):
                 place = f"{self.path}, {topic} at t = {time_s:.3f} s"
                 assert channel.reader.pictures is not None
@@ -186,7 +192,7 @@ class Recording:
 
         For what `signal` and `pictures` cannot read: texts, unknown encodings.
         """
-        for messages in self._messages(self._known(topic), start_s, end_s):
+        for messages in self._each(self._known(topic), start_s, end_s, _same):
             for index, time_s in enumerate(self._seconds(messages.stamp_ns).tolist()):
                 yield time_s, messages.content(index)
 
@@ -271,34 +277,27 @@ class Recording:
             raise BadInput(f"{self.path}, {topic}", f"components are in {units}", f"name one of {names}")
         return columns, units[columns[0]], channel
 
-    def _messages(self, channel: Channel, start_s: float | None, end_s: float | None) -> Iterator[Messages]:
-        """Yield a channel's messages chunk by chunk, in the order of the file."""
-        start = self._nanoseconds(start_s, 0)
-        end = self._nanoseconds(end_s, 1 << 63)
-        for messages in self._groups(channel, start, end):
+    def _each(
+        self, channel: Channel, start_s: float | None, end_s: float | None, use: Callable[[Messages], Found]
+    ) -> Iterator[Found]:
+        """Yield use(a channel's messages) chunk by chunk, in the order of the file; threads work ahead."""
+        start, end = self._nanoseconds(start_s, 0), self._nanoseconds(end_s, 1 << 63)
+
+        def used(messages: Messages) -> Found | None:
             inside = (messages.stamp_ns >= start) & (messages.stamp_ns.astype(np.uint64) < end)
             kept = np.isin(messages.channel, channel.ids) & inside
-            if kept.any():
-                yield messages.only(kept)
+            return use(messages.only(kept)) if kept.any() else None
 
-    def _groups(self, channel: Channel, start: int, end: int) -> Iterator[Messages]:
         chunks = (c for c in self._contents.chunks if c.channels is None or not c.channels.isdisjoint(channel.ids))
-        yield from self._ahead(chunk for chunk in chunks if chunk.end_ns >= start and chunk.start_ns < end)
+        within = (chunk for chunk in chunks if chunk.end_ns >= start and chunk.start_ns < end)
+        for found in _ahead(lambda chunk: used(self._chunk(chunk)), within):
+            if found is not None:
+                yield found
         for place in self._contents.loose:
             one = container.loose_message(self._file, place, self.path)
-            yield Messages.of_one(one.channel_id, one.log_time, one.data)
-
-    def _ahead(self, chunks: Iterable[ChunkPlace]) -> Iterator[Messages]:
-        """Yield the chunks' messages; a thread unpacks and checks each while the one before is used."""
-        with ThreadPoolExecutor(1) as pool:
-            before = None
-            for chunk in chunks:
-                following = pool.submit(self._chunk, chunk)
-                if before:
-                    yield before.result()
-                before = following
-            if before:
-                yield before.result()
+            found = used(Messages.of_one(one.channel_id, one.log_time, one.data))
+            if found is not None:
+                yield found
 
     def _chunk(self, chunk: ChunkPlace) -> Messages:
         messages = container.chunk_records(self._file, chunk, self.path).messages
@@ -317,3 +316,23 @@ class Recording:
 
     def _seconds(self, stamps_ns: NDArray[np.int64]) -> Array:
         return np.asarray((stamps_ns - self.start_ns) / 1e9)
+
+
+def _same(messages: Messages) -> Messages:
+    return messages
+
+
+def _ahead(work: Callable[[ChunkPlace], Found], chunks: Iterable[ChunkPlace]) -> Iterator[Found]:
+    """Yield work(chunk) in order; two threads are at most two chunks ahead, so memory stays bounded."""
+    waiting: deque[Future[Found]] = deque()
+    with ThreadPoolExecutor(2) as pool:
+        try:
+            for chunk in chunks:
+                waiting.append(pool.submit(work, chunk))
+                if len(waiting) > 2:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            for left in waiting:
+                left.cancel()

@@ -17,7 +17,7 @@ _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?)(?![\
 SI_SPELLINGS = (
     *("Pa", "N", "V", "A", "K", "kg", "s", "Hz", "rad", "rad/s", "1"),
     *("m", "m^2", "m^3", "m/s", "m/s^2", "m^3/s", "m^3 Pa^-0.5 s^-1", "Pa s", "kg/m^3"),
-    *("N/m", "N m", "N m^2", "N m^3", "V m^3", "V m"),
+    *("N/m", "N m", "N m^2", "N m^3", "V m^3", "V m", "m^-2", "rad^-2"),
 )
 
 

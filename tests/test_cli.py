@@ -10,7 +10,7 @@ import pytest
 from helpers import REAL, ROOT, catheter
 
 from catheter.lab import cli
-from catheter.lab.commands import SHIPPED
+from catheter.lab.recording_commands import SHIPPED
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
@@ -136,9 +136,9 @@ def test_what_is_asked_for_by_name_is_done_or_refused(capsys) -> None:
 
 
 def test_a_fault_of_ours_is_said_to_be_ours(capsys, monkeypatch) -> None:
-    from catheter.lab import commands
+    from catheter.lab import report_commands
 
-    monkeypatch.setattr(commands, "table_", lambda _: 1 // 0)
+    monkeypatch.setattr(report_commands, "table_", lambda _: 1 // 0)
     code, _, err = run(capsys, "table")
     assert code == 1
     assert "a fault of this program: ZeroDivisionError" in err

@@ -17,7 +17,7 @@ from mcap.writer import IndexType, Writer
 
 from catheter.bench import ML, Bench, Noise, Plant, Schedule, simulate
 from catheter.lab import cli
-from catheter.lab.commands import SHIPPED
+from catheter.lab.recording_commands import SHIPPED
 from data import message
 from data.container import MAGIC
 from data.errors import BadInput, CannotWrite, DamagedRecording

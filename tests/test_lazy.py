@@ -24,20 +24,25 @@ def loaded(code: str) -> set[str]:
         ("import data.recorder", set()),
         ("import data.csv_import", set()),
         ("import catheter.bench", set()),
+        ("import catheter.search, catheter.refine, catheter.locomotion, catheter.valve", set()),
         ("import catheter.lab.cli", set()),
         ("import catheter.lab.scene", set()),
         ("import catheter.lab.replay", set()),
         ("import sysid.fit", {"numba", "scipy"}),  # numba itself asks whether scipy is there
         ("from catheter.lab.scene import Scene; Scene.load('bender')", {"pint", "scipy"}),  # and so does pint
         (
+            "from catheter.lab.scene import Scene; from catheter.search import search\nsearch(Scene.load('free').task)",
+            {"pint", "scipy"},
+        ),
+        (
             "from catheter.lab.replay import Replay; from data.recording import Recording\n"
-            "from catheter.lab.commands import SHIPPED\n"
+            "from catheter.lab.recording_commands import SHIPPED\n"
             "r = Replay(Recording(SHIPPED)); r.signals; r.title",
             {"numba", "scipy"},  # the reader's compiled loops
         ),
         (
             "from catheter.lab.replay import Replay; from data.recording import Recording\n"
-            "from catheter.lab.commands import SHIPPED\n"
+            "from catheter.lab.recording_commands import SHIPPED\n"
             "Replay(Recording(SHIPPED)).models",
             {"numba", "scipy", "pint"},
         ),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers import SIMULATED
 
-from catheter.lab.damage import FLUSH_S, SLACK_S, killed_writer
+from catheter.lab.damage import FLUSH_S, killed_writer
 from data.errors import BadInput, DamagedRecording
 from data.recorder import Recorder
 from data.recording import Recording
@@ -57,7 +57,7 @@ def test_a_disk_that_fails_for_a_moment_is_never_forgotten(tmp_path: Path) -> No
 @pytest.mark.parametrize("seed", range(8))
 def test_killed_at_any_moment_at_most_the_flush_interval_is_lost(tmp_path: Path, seed: int) -> None:
     found = killed_writer(tmp_path / "run.mcap", seed)  # reads back what it wrote, or raises
-    assert found.lost_s <= FLUSH_S + SLACK_S
+    assert found.lost_s <= FLUSH_S + 0.3  # slack for a busy machine's timer; the damage report has none
 
 
 @pytest.mark.parametrize(

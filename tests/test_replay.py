@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import SIMULATED
 
-from catheter.lab.commands import SHIPPED
+from catheter.lab.recording_commands import SHIPPED
 from catheter.lab.replay import Replay
 from data.ask import Ask
 from data.errors import BadInput

@@ -8,9 +8,22 @@ import sys
 import traceback
 import warnings
 from contextlib import suppress
+from importlib import import_module
 from typing import Any, NoReturn
 
 from data.errors import BadInput, CatheterError, RecordingCut
+
+COMMANDS = {  # what each is for, and the module that does it: NAME_options(parser) and NAME_(options)
+    "replay": ("show a recording: signals, hysteresis loops, models against measurement", "recording_commands"),
+    "check": ("read all of a recording and say what is sound, what is lost, and where", "recording_commands"),
+    "import": ("turn a laboratory's text log into a recording", "recording_commands"),
+    "record": ("simulate a scene and record it, marked as simulated", "recording_commands"),
+    "report": ("error against run time, as CSV, table and picture", "report_commands"),
+    "table": ("print a table of the thesis, with units and source", "report_commands"),
+    "free": ("search the fibre angles of a spiral (default: the thesis's task)", "design"),
+    "valve": ("list the conical valves, interpolate one, or choose one", "design"),
+    "fmu": ("write the robot's hydraulic circuit as an FMU for other tools, and try it", "fmu_command"),
+}
 
 
 class _Parser(argparse.ArgumentParser):
@@ -18,58 +31,22 @@ class _Parser(argparse.ArgumentParser):
         raise BadInput(self.prog, message, f"see {self.prog} --help")
 
 
-def parser() -> argparse.ArgumentParser:
-    """Return the argument parser of all commands."""
+def parser(chosen: str = "") -> argparse.ArgumentParser:
+    """Return the parser of the command line: every command, but only the chosen one's module and options."""
     root = _Parser(
         prog="catheter",
         description="Simulation-and-experiment toolkit for a hydraulic soft catheter robot.",
         epilog="Every command takes --json (for scripts) and --debug (a traceback for what goes wrong).",
     )
     commands = root.add_subparsers(dest="command", required=True, metavar="COMMAND")
-
-    def command(name: str, text: str) -> argparse.ArgumentParser:
+    for name, (text, module_name) in COMMANDS.items():
         sub = commands.add_parser(name, help=text, description=text)
         sub.add_argument("--json", action="store_true", help="print one JSON object instead of text")
         sub.add_argument("--debug", action="store_true", help="show a traceback when something goes wrong")
-        return sub
-
-    replay = command("replay", "show a recording: signals, hysteresis loops, models against measurement")
-    replay.add_argument("recording", nargs="?", help="an MCAP file (default: the shipped, simulated bender recording)")
-    replay.add_argument("--response", default="", metavar="TOPIC", help="the signal that models answer, as /force")
-    replay.add_argument("--input", default="", metavar="TOPIC", help="the signal they answer to, as /markers:m1_x")
-    replay.add_argument("--with", dest="others", action="append", default=[], metavar="TOPIC", help="a further signal")
-    replay.add_argument("--split", choices=("half", "steps"), help="how data are held out")
-    replay.add_argument("--out", metavar="FILE.rrd", help="where the dashboard goes (default: here, a free name)")
-    replay.add_argument("--picture", metavar="FILE.png", help="also save a picture of the dashboard")
-    replay.add_argument("--no-view", action="store_true", help="print the results only")
-    replay.add_argument("--force", action="store_true", help="overwrite the outputs")
-
-    check = command("check", "read all of a recording and say what is sound, what is lost, and where")
-    check.add_argument("recording", help="an MCAP file")
-    check.add_argument("--salvage", metavar="OUT.mcap", help="write what can be had to a new, sound recording")
-    check.add_argument("--force", action="store_true", help="overwrite the output")
-
-    importer = command("import", "turn a laboratory's text log into a recording")
-    importer.add_argument("log", nargs="?", help="the log: comma, tab, semicolon or space separated")
-    importer.add_argument("--mapping", metavar="NAME", help="a shipped mapping, or a .toml file")
-    importer.add_argument("--out", metavar="FILE.mcap", help="the recording to write")
-    importer.add_argument("--force", action="store_true", help="overwrite the output")
-    importer.add_argument("--list", action="store_true", help="list the shipped mappings")
-
-    record = command("record", "simulate a scene and record it, marked as simulated")
-    record.add_argument("scene", help="a shipped scene (bender), or a .toml file")
-    record.add_argument("--out", metavar="FILE.mcap", required=True, help="the recording to write")
-    record.add_argument("--force", action="store_true", help="overwrite the output")
-
-    report = command("report", "error against run time, as CSV, table and picture")
-    report.add_argument("name", choices=("regression", "hysteresis", "recordings", "damage"), help="which report")
-    report.add_argument("--recording", metavar="FILE.mcap", help="for hysteresis: judge on this recording")
-    report.add_argument("--out", metavar="FOLDER", default="out", help="the folder to write to (default: out)")
-    report.add_argument("--force", action="store_true", help="overwrite an earlier report")
-    report.add_argument("--quick", action="store_true", help="fewer levels, seconds instead of minutes")
-
-    table = command("table", "print a table of the thesis, with units and source")
-    table.add_argument("number", nargs="?", help="such as 3.3 (default: list them)")
+        if name == chosen:
+            module = import_module(f"catheter.lab.{module_name}")
+            getattr(module, f"{name}_options")(sub)
+            sub.set_defaults(work=getattr(module, f"{name}_"))
     return root
 
 
@@ -77,7 +54,8 @@ def run(arguments: list[str]) -> int:
     """Run one command and return the exit code; never shows a traceback without --debug."""
     json_wanted, debug = "--json" in arguments, "--debug" in arguments
     try:
-        return _run(parser().parse_args(arguments))
+        chosen = next((word for word in arguments if word in COMMANDS), "")
+        return _run(parser(chosen).parse_args(arguments))
     except BrokenPipeError:  # the reader of our output, such as `head`, has left
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
@@ -107,11 +85,9 @@ def _explain(error: BaseException) -> tuple[str, int]:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from catheter.lab import commands
-
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RecordingCut)
-        outcome = getattr(commands, f"{options.command}_")(options)
+        outcome = options.work(options)
     if options.json:
         print(json.dumps(_plain(outcome.values), indent=1, allow_nan=False))
     else:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -47,6 +48,7 @@ class Report:
     error: str
     rows: list[Row]
     notes: list[str] = field(default_factory=list)
+    draw: Callable[[Any], None] | None = None  # on a matplotlib figure, where a picture of its own says more
 
 
 def measure(method: str, level: str, solve: Callable[[], object], error_of: Callable[[object], float]) -> Row:
@@ -126,6 +128,14 @@ def _draw(report: Report, path: Path) -> None:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, 5.5), layout="constrained")
+    if report.draw:
+        report.draw(figure)
+    else:
+        _plot_errors(report, figure)
+    figure.savefig(path, format="png", dpi=130)
+
+
+def _plot_errors(report: Report, figure: Any) -> None:
     axes = figure.add_subplot()
     for marker, method in zip("osD^v<>pXh" * 3, dict.fromkeys(row.method for row in report.rows), strict=False):
         rows = [row for row in report.rows if row.method == method and math.isfinite(row.error)]
@@ -138,7 +148,6 @@ def _draw(report: Report, path: Path) -> None:
     axes.set_title(report.title, fontsize=10, parse_math=False)
     axes.grid(visible=True, which="both", alpha=0.3)
     axes.legend(fontsize=8)
-    figure.savefig(path, format="png", dpi=130)
 
 
 def _refuse(recording: str | None, name: str) -> None:
@@ -209,9 +218,23 @@ def damage(*, quick: bool, recording: str | None, progress: Progress) -> Report:
     )
 
 
+def _design(name: str) -> Callable[..., Report]:
+    """Return a report on the kinematic design, whose study is imported when it is asked for."""
+
+    def made(*, quick: bool, recording: str | None, progress: Progress) -> Report:
+        _refuse(recording, name)
+        from catheter.lab import free_study, valve_study
+
+        studies = {"free": free_study.free, "stability-free": free_study.stability, "valves": valve_study.valves}
+        return studies[name](quick, progress)
+
+    return made
+
+
 REPORTS: dict[str, Callable[..., Report]] = {
     "regression": regression,
     "hysteresis": hysteresis,
     "recordings": recordings,
     "damage": damage,
+    **{name: _design(name) for name in ("free", "stability-free", "valves")},
 }

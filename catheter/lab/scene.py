@@ -5,6 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from catheter.bench import Bench, Noise, Plant, Schedule
+from catheter.refine import Scatter
+from catheter.robot import Extender
+from catheter.task import Task
+from catheter.valve import Wanted
 from data.ask import Ask
 from data.errors import BadInput, nearest
 from data.options import find_toml, load_toml, option, parse_toml, read, shipped_names
@@ -16,7 +20,7 @@ FOLDER = Path(__file__).parents[2] / "data" / "scenes"
 class Heading:
     """The `[scene]` table: what kind of experiment, and what a reader calls it."""
 
-    kind: str = option(choices=("bender", "recording"))
+    kind: str = option(choices=("bender", "recording", "free", "valve"))
     title: str
 
 
@@ -24,6 +28,8 @@ class Heading:
 TABLES: dict[str, dict[str, type]] = {
     "recording": {"ask": Ask},
     "bender": {"drive": Schedule, "bench": Bench, "plant": Plant, "noise": Noise, "ask": Ask},
+    "free": {"task": Task, "scatter": Scatter, "extender": Extender},
+    "valve": {"wanted": Wanted},
 }
 
 
@@ -38,6 +44,10 @@ class Scene:
     plant: Plant = field(default_factory=Plant)
     noise: Noise = field(default_factory=Noise)
     ask: Ask = field(default_factory=Ask)
+    task: Task = field(default_factory=Task)
+    scatter: Scatter = field(default_factory=Scatter)
+    extender: Extender = field(default_factory=Extender)
+    wanted: Wanted = field(default_factory=Wanted)
 
     @classmethod
     def load(cls, name: str | Path) -> "Scene":

@@ -66,7 +66,7 @@ def regression_rows(sizes: Sequence[int], progress: Progress) -> list[Row]:
 
 def hysteresis_rows(recording: str | None, counts: Sequence[int], progress: Progress) -> tuple[list[Row], str]:
     """Fit play and stop models with more and more operators; return rows and what they stand on."""
-    from catheter.lab.commands import SHIPPED
+    from catheter.lab.recording_commands import SHIPPED
     from catheter.lab.replay import Replay
     from data.errors import BadInput
     from data.recording import Recording

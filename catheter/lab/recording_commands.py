@@ -1,13 +1,12 @@
-"""What each command does, and how its result reads."""
+"""The commands around recordings: replay, check, import, record."""
 
 import argparse
 import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from catheter.lab.outcome import Outcome, progress, table
 from data.errors import BadInput
 from data.files import check_free, check_inputs, fresh, unused
 from data.units import UNDOCUMENTED
@@ -16,60 +15,42 @@ if TYPE_CHECKING:
     from catheter.lab.replay import LoopFamily, Replay
 
 SHIPPED = Path(__file__).parents[2] / "data" / "recordings" / "bender.mcap"
-WIDTH = 100
 
 
-@dataclass
-class Outcome:
-    """A command's result: values for --json, and lines and tables for people."""
-
-    values: dict[str, Any]
-    parts: list[Any] = field(default_factory=list)
-    code: int = 0
-
-    def show(self) -> None:
-        """Print the result, at most 100 columns wide."""
-        from rich.console import Console
-
-        class Pipe(Console):
-            def on_broken_pipe(self) -> None:
-                raise BrokenPipeError  # the reader has left: the command line knows what to do
-
-        console = Pipe(width=WIDTH, highlight=False, soft_wrap=False)
-        for part in self.parts:
-            console.print(printable(part), markup=False) if isinstance(part, str) else console.print(part)
+def replay_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `replay`."""
+    parser.add_argument("recording", nargs="?", help="an MCAP file (default: the shipped, simulated bender recording)")
+    parser.add_argument("--response", default="", metavar="TOPIC", help="the signal that models answer, as /force")
+    parser.add_argument("--input", default="", metavar="TOPIC", help="the signal they answer to, as /markers:m1_x")
+    parser.add_argument("--with", dest="others", action="append", default=[], metavar="TOPIC", help="a further signal")
+    parser.add_argument("--split", choices=("half", "steps"), help="how data are held out")
+    parser.add_argument("--out", metavar="FILE.rrd", help="where the dashboard goes (default: here, a free name)")
+    parser.add_argument("--picture", metavar="FILE.png", help="also save a picture of the dashboard")
+    parser.add_argument("--no-view", action="store_true", help="print the results only")
+    parser.add_argument("--force", action="store_true", help="overwrite the outputs")
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]], title: str = "", words: int = 1) -> Any:
-    """Return a printable table: the first `words` columns left, the others right."""
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-    from rich.text import Text
-
-    made = Table(title=Text(printable(title)) if title else None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
-    for index, name in enumerate(header):
-        made.add_column(name, justify="left" if index < words else "right", overflow="fold")
-    for row in rows:
-        made.add_row(*(Text(printable(cell)) for cell in row))
-    return made
+def check_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `check`."""
+    parser.add_argument("recording", help="an MCAP file")
+    parser.add_argument("--salvage", metavar="OUT.mcap", help="write what can be had to a new, sound recording")
+    parser.add_argument("--force", action="store_true", help="overwrite the output")
 
 
-def printable(text: str) -> str:
-    """Return text from a file as a terminal may see it: control characters replaced."""
-    return "".join(character if character.isprintable() or character == "\n" else "\ufffd" for character in text)
+def import_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `import`."""
+    parser.add_argument("log", nargs="?", help="the log: comma, tab, semicolon or space separated")
+    parser.add_argument("--mapping", metavar="NAME", help="a shipped mapping, or a .toml file")
+    parser.add_argument("--out", metavar="FILE.mcap", help="the recording to write")
+    parser.add_argument("--force", action="store_true", help="overwrite the output")
+    parser.add_argument("--list", action="store_true", help="list the shipped mappings")
 
 
-@contextmanager
-def progress(text: str) -> Iterator[Callable[[float], None]]:
-    """Show a bar on a terminal while a command works; yields what takes the share done."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(text, total=1.0)
-        yield lambda share: bar.update(task, completed=share)
+def record_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `record`."""
+    parser.add_argument("scene", help="a shipped scene (bender), or a .toml file")
+    parser.add_argument("--out", metavar="FILE.mcap", required=True, help="the recording to write")
+    parser.add_argument("--force", action="store_true", help="overwrite the output")
 
 
 def replay_(options: argparse.Namespace) -> Outcome:
@@ -277,39 +258,3 @@ def record_(options: argparse.Namespace) -> Outcome:
         {"recording": str(out), "kind": "simulated", "samples": len(run.time_s)},
         [f"{out} written (simulated): {len(run.time_s)} samples, {run.time_s[-1]:.1f} s"],
     )
-
-
-def report_(options: argparse.Namespace) -> Outcome:
-    """Write a report of error against run time."""
-    from catheter.lab import report
-
-    folder = Path(options.out)
-    for path in report.paths(options.name, folder):
-        check_inputs(path, Path(options.recording or SHIPPED))
-        check_free(path, options.force) if folder.exists() else None
-    with progress(options.name) as advance:
-        made = report.REPORTS[options.name](quick=options.quick, recording=options.recording, progress=advance)
-    written = report.write(made, folder)
-    rows = [[r.method, r.level, r.error_text, f"{r.seconds:.3g}"] for r in made.rows]
-    return Outcome(
-        {"report": made.name, "files": [str(path) for path in written], "rows": [vars(r) for r in made.rows]},
-        [table(["method", made.level, made.error, "seconds"], rows, made.title), *made.notes, *map(str, written)],
-    )
-
-
-def table_(options: argparse.Namespace) -> Outcome:
-    """Print a table of the thesis."""
-    from data.table import table as thesis_table
-    from data.table import tables
-
-    if not options.number:
-        rows = [[number, thesis_table(number).title] for number in tables()]
-        return Outcome({"tables": tables()}, [table(["table", "title"], rows, words=2)])
-    found = thesis_table(options.number)
-    cells = {
-        label: {name: {"printed": cell.printed, "si": cell.si, "lack": cell.lack} for name, cell in row.items()}
-        for label, row in found.rows.items()
-    }
-    units = {name: column.unit for name, column in found.columns.items()}
-    values = {"number": found.number, "title": found.title, "source": found.source, "units": units, "rows": cells}
-    return Outcome(values, [found.text()])
