@@ -22,6 +22,7 @@ COMMANDS = {  # what each is for, and the module that does it: NAME_options(pars
     "table": ("print a table of the thesis, with units and source", "report_commands"),
     "free": ("search the fibre angles of a spiral (default: the thesis's task)", "design"),
     "valve": ("list the conical valves, interpolate one, or choose one", "design"),
+    "twist": ("twist from a video, a folder of pictures or a recording's camera", "twist_command"),
     "fmu": ("write the robot's hydraulic circuit as an FMU for other tools, and try it", "fmu_command"),
 }
 

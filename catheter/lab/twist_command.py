@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from catheter.lab.commands import Outcome, progress, table
+from catheter.lab.outcome import Outcome, progress, table
 from data.errors import BadInput
 from data.files import cannot_write, check_free, check_inputs, fresh
 from data.recorder import Recorder
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 MOST_LISTED = 20
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
+def twist_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `twist`."""
     parser.add_argument("source", help="a video, a folder of pictures, or a recording (.mcap)")
     parser.add_argument("--out", metavar="FILE", help="twist as .csv or .mcap; an interrupted run is continued")
     parser.add_argument("--marker", choices=("squares", "qr"), default="squares", help="blobs, or a QR code's finders")
