@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.errors import BadInput
-from data.recording import MEASURED, Recording
+from data.recording import UNSTATED, Recording
 from vision.fit import Picture
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm")
@@ -45,7 +45,7 @@ class Source:
     count: int
     rate_hz: float
     topic: str = ""
-    origin: str = MEASURED
+    origin: str = UNSTATED
     one_size: bool = True
 
     def frames(self, first: int = 0) -> Iterator[Frame]:

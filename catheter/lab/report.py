@@ -231,10 +231,23 @@ def _design(name: str) -> Callable[..., Report]:
     return made
 
 
+def _vision(name: str) -> Callable[..., Report]:
+    """Return a report on vision, whose study is imported when it is asked for."""
+
+    def made(*, quick: bool, recording: str | None, progress: Progress) -> Report:
+        _refuse(recording, name)
+        from catheter.lab.vision_study import STUDIES
+
+        return STUDIES[name](quick, progress)
+
+    return made
+
+
 REPORTS: dict[str, Callable[..., Report]] = {
     "regression": regression,
     "hysteresis": hysteresis,
     "recordings": recordings,
     "damage": damage,
     **{name: _design(name) for name in ("free", "stability-free", "valves")},
+    **{name: _vision(name) for name in ("twist", "twist-stress", "camera-clock")},
 }

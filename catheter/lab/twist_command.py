@@ -16,7 +16,7 @@ from catheter.lab.outcome import Outcome, progress, table
 from data.errors import BadInput
 from data.files import cannot_write, check_free, check_inputs, fresh
 from data.recorder import Recorder
-from data.recording import MEASURED, SIMULATED
+from data.recording import MEASURED, SIMULATED, UNSTATED
 from data.topics import standard
 from vision.frames import Frame, Source, open_source
 from vision.pattern import QR, SQUARES, Marker
@@ -39,7 +39,7 @@ def twist_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rate", type=float, metavar="HZ", help="frames a second, where the source does not say")
     parser.add_argument("--zero", type=int, metavar="FRAME", help="the frame whose twist is zero (default: first seen)")
     parser.add_argument("--smooth", type=float, metavar="RAD_S2", help="fill gaps and smooth, up to this acceleration")
-    parser.add_argument("--simulated", action="store_true", help="say that a video or folder is simulated")
+    parser.add_argument("--origin", choices=(MEASURED, SIMULATED), help="where a video's or folder's frames are from")
     parser.add_argument("--view", metavar="FILE.rrd", help="overlay of marker, angle and region on the frames")
     parser.add_argument("--force", action="store_true", help="overwrite the outputs")
 
@@ -71,8 +71,11 @@ def twist_(options: argparse.Namespace) -> Outcome:
         if source.kind != "folder":
             check_inputs(path, source.path)
         check_free(path, options.force)
-    if options.simulated and source.kind != "recording":
-        source = replace(source, origin=SIMULATED)
+    if options.origin and source.kind == "recording":
+        raise BadInput("--origin", "given for a recording", "it says itself where its frames are from")
+    source = replace(source, origin=options.origin) if options.origin else source
+    if out and out.suffix == ".mcap" and source.origin == UNSTATED:
+        raise BadInput(source.path, "does not say where its frames are from", "state --origin measured or simulated")
     kept, partial = _measure(source, _marker(options), out, view, options.force)
     found = assemble(kept.found, options.zero)
     if options.smooth is not None:
@@ -88,7 +91,7 @@ def twist_(options: argparse.Namespace) -> Outcome:
 def save(twist: Twist, out: Path, source: Source, *, replace_it: bool = False) -> None:
     """Write a twist as CSV (time_s, angle_rad, sigma_rad, status) or as topic /twist of a recording."""
     if out.suffix == ".mcap":
-        origin = {"kind": SIMULATED if source.origin == SIMULATED else MEASURED, "title": f"Twist of {source.path.name}"}
+        origin = {"kind": source.origin, "title": f"Twist of {source.path.name}"}
         with Recorder(out, origin, flush_s=None, replace=replace_it) as recorder:
             recorder.add(replace(standard("/twist"), note=f"from {source.path.name} {source.topic}".strip()))
             for time_s, *values in zip(twist.time_s, twist.angle_rad, twist.sigma_rad, strict=True):
