@@ -77,7 +77,9 @@ def flashes(light: Signal, exposure_s: float, *, delay_s: float = 0.0) -> list[F
         raise BadInput("light", f"{len(time_s)} frames", "expected at least 3")
     period = float(np.median(np.diff(time_s)))
     if not 0 < exposure_s <= period * 1.001:
-        raise BadInput("exposure", f"{exposure_s} s at {period:.4g} s a frame", "expected more than 0, at most a period")
+        raise BadInput(
+            "exposure", f"{exposure_s} s at {period:.4g} s a frame", "expected more than 0, at most a period"
+        )
     middle = (value.min() + value.max()) / 2
     dark, bright = np.median(value[value < middle]), np.median(value[value >= middle])
     steps = np.diff(value)

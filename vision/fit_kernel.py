@@ -52,9 +52,7 @@ def _normal(t: float) -> tuple[float, float]:
 
 
 @njit(cache=True, error_model="numpy")
-def model_at(
-    u: float, v: float, shape: Array, steeper: Array, light: Array, rings: Array, row: Array
-) -> float:
+def model_at(u: float, v: float, shape: Array, steeper: Array, light: Array, rings: Array, row: Array) -> float:
     """Return the grey at a place in a blob's own coordinates; `row` takes the derivatives.
 
     shape: half side and two blurs, plane units. steeper (2,) and light (4,): grey.
@@ -312,7 +310,9 @@ def gauss_newton(
         pixel = 1 / math.sqrt(abs(homography[0, 0] * homography[1, 1] - homography[0, 1] * homography[1, 0]))
         margin = min(max(FLAT * max(shape[1], shape[2]), 8 * pixel), shape[0] * (0.7 if rings.shape[0] == 1 else 0.2))
         plane = np.linalg.inv(homography)
-        accumulate(picture, plane, shape, steeper, light, rings, margin, limit, normal, right, counts, histogram, bin_grey)
+        accumulate(
+            picture, plane, shape, steeper, light, rings, margin, limit, normal, right, counts, histogram, bin_grey
+        )
         edge = counts[:, EDGE].sum()
         if edge < 60 or counts[:, EDGE].min() < 12:
             return 0, information, counts, noise

@@ -154,7 +154,9 @@ def _open_recording(path: Path, topic: str | None) -> Source:
     with Recording(path) as recording:
         cameras = [name for name, channel in recording.channels.items() if channel.topic.is_camera]
         if topic is None and len(cameras) != 1:
-            raise BadInput(path, f"has {len(cameras)} cameras", f"name one with --topic: {', '.join(cameras) or 'none'}")
+            raise BadInput(
+                path, f"has {len(cameras)} cameras", f"name one with --topic: {', '.join(cameras) or 'none'}"
+            )
         chosen = topic or cameras[0]
         if chosen not in cameras:
             raise BadInput(path, f"has no camera {chosen}", f"cameras are: {', '.join(cameras) or 'none'}")

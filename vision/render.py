@@ -87,7 +87,9 @@ def exact(shot: Shot) -> Array:
     for share, weight in _exposure(shot):
         homography = shot.homography(share)
         for polygon, amount in _layout(shot):
-            _cover(_edges(to_picture(homography, polygon)), shot.blur_px, contrast * amount * weight, ink, NODES, WEIGHTS)
+            _cover(
+                _edges(to_picture(homography, polygon)), shot.blur_px, contrast * amount * weight, ink, NODES, WEIGHTS
+            )
     for polygon, grey in shot.patches:
         _cover(_edges(polygon), shot.blur_px, grey, ink, NODES, WEIGHTS)
     _sum_from_the_right(ink)

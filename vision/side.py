@@ -121,7 +121,9 @@ def _tips(grey: Array, body: NDArray[np.bool_], level: float) -> Array:
     columns = np.flatnonzero(body.any(axis=0))
     third = len(columns) // 3
     chosen = columns[third : len(columns) - third]
-    return np.array([_cross(grey[:, c], int(np.flatnonzero(body[:, c])[-1]), 1, level) for c in chosen if body[:, c].any()])
+    return np.array(
+        [_cross(grey[:, c], int(np.flatnonzero(body[:, c])[-1]), 1, level) for c in chosen if body[:, c].any()]
+    )
 
 
 def _profile(picture: Picture, row: int, band_px: int) -> Array:

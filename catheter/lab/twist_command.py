@@ -140,7 +140,9 @@ def _measure(
             if overlay:
                 overlay.mark(row)
             if file:
-                file.write(json.dumps([row.number, row.time_s, row.angle_rad, row.sigma_rad, row.reason, row.name]) + "\n")
+                file.write(
+                    json.dumps([row.number, row.time_s, row.angle_rad, row.sigma_rad, row.reason, row.name]) + "\n"
+                )
                 file.flush()
             advance((row.number + 1) / max(source.count, row.number + 1))
     return kept, partial

@@ -156,9 +156,7 @@ def _border(shot: Shot, draw: np.random.Generator, _: float) -> Shot:
 
 def _absent(shot: Shot, draw: np.random.Generator, _: float) -> Shot:
     lost = int(draw.integers(3))
-    keep = tuple(
-        (square(np.array(place), 0.4), 1.0) for i, place in enumerate(((0, 0), (1, 0), (0, 1))) if i != lost
-    )
+    keep = tuple((square(np.array(place), 0.4), 1.0) for i, place in enumerate(((0, 0), (1, 0), (0, 1))) if i != lost)
     return replace(_second(shot, draw, 1.0), layout=keep)
 
 

@@ -118,7 +118,10 @@ def _accuracy(count: int, progress: Progress) -> tuple[list[Row], list[str]]:
             f"blur, both greys; {tilted:.6f} with tilt); reported sigma / scatter {sigma / ours.rms:.3f}."
         )
     lost = [f"{name} at {noise}: {len(t.missed)} of {t.count}" for (name, noise), t in tallies.items() if t.missed]
-    return rows, [*notes, f"Missed: {'; '.join(lost) or 'none'}. Seconds: one picture, searched as a whole, not followed."]
+    return rows, [
+        *notes,
+        f"Missed: {'; '.join(lost) or 'none'}. Seconds: one picture, searched as a whole, not followed.",
+    ]
 
 
 def _noisy(clean: Array, noise: float, draw: np.random.Generator) -> Pixels:
@@ -275,7 +278,9 @@ def _codes(count: int) -> tuple[Row, str]:
         seconds += time.perf_counter() - started
     wrong, worst = sum(error > 1 for error in off), max(off, default=math.nan)
     name = "QR codes, rendered: perspective, blur, noise, uneven light"
-    note = f"{name}: {len(off) - wrong} of {count} right, {count - len(off)} missed, {wrong} wrong, worst {worst:.3f} px."
+    note = (
+        f"{name}: {len(off) - wrong} of {count} right, {count - len(off)} missed, {wrong} wrong, worst {worst:.3f} px."
+    )
     return Row(method=name, level=f"{count}", error=float(wrong), seconds=seconds / count), note
 
 
