@@ -1,5 +1,7 @@
 """Grey-weighted centroids: every pixel counts by how much ink it holds, so that edges are not rounded."""
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -10,8 +12,8 @@ LEAST = 0.15  # of the contrast: below it a pixel is paper and its noise does no
 
 
 @njit(cache=True, error_model="numpy")
-def centroid(
-    picture: NDArray[np.uint8], x: float, y: float, radius: float, outside: float, inside: float
+def centroid(  # noqa: PLR0917, compiled functions take arrays, not objects
+    picture: NDArray[Any], x: float, y: float, radius: float, outside: float, inside: float
 ) -> tuple[float, float, float]:
     """Return a blob's centroid x, y [px] and its ink [px^2] within a circle; NaN when it holds none.
 
@@ -34,7 +36,7 @@ def centroid(
     return sum_x / total, sum_y / total, total
 
 
-def centroids(picture: NDArray[np.uint8], places_px: Array, radius_px: float, levels: Array) -> Array:
+def centroids(picture: NDArray[Any], places_px: Array, radius_px: float, levels: Array) -> Array:
     """Return the grey-weighted centroids near several places, (n, 2); levels (n, 2): outside, inside."""
     found = [
         centroid(picture, float(x), float(y), radius_px, float(paper), float(ink))[:2]

@@ -25,7 +25,7 @@ DOUBT = 4.0  # noises within which a frame is not told from fully dark or fully 
 
 @dataclass(frozen=True)
 class Flash:
-    """A light's step as one camera saw it: between first_s and last_s, blurred by sigma_s. rises: whether it came on."""
+    """A light's step as one camera saw it: between first_s and last_s, blurred by sigma_s; rises: it came on."""
 
     first_s: float
     last_s: float
@@ -93,20 +93,26 @@ def flashes(light: Signal, exposure_s: float, *, delay_s: float = 0.0) -> list[F
     found, before = [], -1
     for at in np.flatnonzero(state >= 0):
         if before >= 0 and state[at] != state[before] and at - before <= 2:
-            found.append(_flash(time_s, share, before, int(at), exposure_s, noise / (bright - dark)))
+            found.append(_flash(Signal(time_s, share, "1"), (before, int(at)), exposure_s, noise / (bright - dark)))
         before = int(at)
     return found
 
 
-def _flash(time_s: Array, share: Array, before: int, after: int, exposure_s: float, noise: float) -> Flash:
-    """Return the step between the last frame at one level and the first at the other."""
+def _flash(light: Signal, between: tuple[int, int], exposure_s: float, noise: float) -> Flash:
+    """Return the step between the last frame at one level and the first at the other; light from 0 to 1."""
+    time_s, share, (before, after) = light.time_s, light.value, between
     rises = bool(share[after] > share[before])
     sigma = max(noise * exposure_s, 1e-6)
     if after - before == 1:
         return Flash(time_s[before] + exposure_s / 2, time_s[after] - exposure_s / 2, sigma, rises)
     partial = share[before + 1] if rises else 1 - share[before + 1]
     moment = time_s[before + 1] + exposure_s / 2 - partial * exposure_s
-    return Flash(moment, moment, sigma, rises)
+    first, last = moment, moment
+    if partial < 2 * DOUBT * noise:  # perhaps noise alone, and the step came in the pause after it
+        last = time_s[after] - exposure_s / 2
+    elif partial > 1 - 2 * DOUBT * noise:
+        first = time_s[before] + exposure_s / 2
+    return Flash(float(first), float(last), sigma, rises)
 
 
 def offset(first: list[Flash], other: list[Flash], *, search_s: float = 0.25) -> Offset:

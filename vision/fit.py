@@ -87,11 +87,11 @@ def fit(picture: Picture, start: Start, marker: Marker, principal_px: Array | No
         )
         if steps == 0 or steps > MOST_STEPS:
             raise NoMarker("the fit did not settle")
-        covariance = noise**2 * np.linalg.inv(information)[:8, :8]
+        covariance = np.asarray(noise**2 * np.linalg.inv(information)[:8, :8], np.float64)
     except np.linalg.LinAlgError as error:
         raise NoMarker("the fit is singular") from error
     if principal_px is None:
-        principal_px = (np.array(picture.shape[::-1]) - 1) / 2
+        principal_px = np.asarray((np.array(picture.shape[::-1]) - 1) / 2, np.float64)
     found = MarkerFit(
         homography=homography,
         angle_rad=plane_angle_rad(homography, principal_px),

@@ -1,4 +1,4 @@
-"""The whole-marker fit's compiled loops: picture model, analytic Jacobian, normal equations.
+"""The whole-marker fit's compiled loops: normal equations over the pixels, elimination, steps.
 
 Shared parameters, 13: the homography's compositional step in marker coordinates (x, y shift; x by x,
 x by y, y by x, y by y; two of perspective), logarithms of the size and of the blurs along x and y,
@@ -7,18 +7,19 @@ A blob's own, 4: grey outside, grey inside, slopes of the light along x and y.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from data.signal import Array
+from vision.fit_model import IN, OUT, SLOPE_U, SLOPE_V, model_at
 from vision.pattern import BLOBS
 
+Array = NDArray[Any]  # compiled code is not generic in what mypy knows of linear algebra
 SHARED, OWN = 13, 4
 BLOB_X, BLOB_Y = np.ascontiguousarray(BLOBS[:, 0]), np.ascontiguousarray(BLOBS[:, 1])
 CENTRE = 1 / 3  # of the three blobs: the origin of the steps, x and y
-OUT, IN, SLOPE_U, SLOPE_V = range(4)  # a blob's own
 STEEPER = 11  # where the light's steepness begins among the shared
 BATCH = 8  # rows that are added at once
 ROW = 24  # a row of the Jacobian, 17 long, in whole vector registers
@@ -27,67 +28,13 @@ BINS = 512
 BAD = 0.4  # of the contrast: a pixel that differs so much from the model is none of this marker
 SETTLED = 8  # steps after which the trimming stays, and a longer step ends it: the model does not quite hold
 TRIM = 4.0  # noises beyond which a pixel is left out
-_T = np.arange(-176, 178) / 32
-CDF = np.array([0.5 * math.erfc(-t / math.sqrt(2)) for t in _T])
-BELL = np.exp(-(_T**2) / 2) / math.sqrt(2 * math.pi)
 # What is counted for each blob.
 EDGE, RESIDUAL, INSIDE, BAD_INSIDE, OUTSIDE, BAD_OUTSIDE, COUNTS = range(7)
 
 
-@njit(cache=True, inline="always", error_model="numpy")
-def _normal(t: float) -> tuple[float, float]:
-    """Return the normal distribution's cdf and density to 1e-8: cubics between tabled values and slopes."""
-    if t >= 5.5:
-        return 1.0, 0.0
-    if t <= -5.5:
-        return 0.0, 0.0
-    place = (t + 5.5) * 32
-    k = int(place)
-    f = place - k
-    a, b, p, q = CDF[k], CDF[k + 1], BELL[k], BELL[k + 1]
-    end = f * f * (3 - 2 * f)
-    rise, fall = f * (1 - f) * (1 - f) / 32, f * f * (f - 1) / 32
-    s = (k / 32) - 5.5
-    return a + end * (b - a) + rise * p + fall * q, p + end * (q - p) - rise * s * p - fall * (s + 1 / 32) * q
-
-
 @njit(cache=True, error_model="numpy")
-def model_at(u: float, v: float, shape: Array, steeper: Array, light: Array, rings: Array, row: Array) -> float:
-    """Return the grey at a place in a blob's own coordinates; `row` takes the derivatives.
-
-    shape: half side and two blurs, plane units. steeper (2,) and light (4,): grey.
-    row (11,): by u, v, log half, two log blurs, steeper, light.
-    """
-    half, blur_u, blur_v = shape
-    ink = ink_u = ink_v = ink_h = ink_a = ink_b = 0.0
-    sharp_u, sharp_v = 1 / blur_u, 1 / blur_v
-    for r in range(rings.shape[0]):
-        h, weight = half * rings[r, 0], rings[r, 1]
-        tl, tr = (u + h) * sharp_u, (u - h) * sharp_u
-        cl, dl = _normal(tl)
-        cr, dr = _normal(tr)
-        bl, br = (v + h) * sharp_v, (v - h) * sharp_v
-        ct, dt = _normal(bl)
-        cb, db = _normal(br)
-        pu, pv = cl - cr, ct - cb
-        ink += weight * pu * pv
-        ink_u += weight * pv * (dl - dr) * sharp_u
-        ink_v += weight * pu * (dt - db) * sharp_v
-        ink_h += weight * h * (pv * (dl + dr) * sharp_u + pu * (dt + db) * sharp_v)
-        ink_a += weight * pv * (tr * dr - tl * dl)
-        ink_b += weight * pu * (br * db - bl * dt)
-    contrast = light[IN] - light[OUT] + steeper[0] * u + steeper[1] * v
-    row[0] = contrast * ink_u + light[SLOPE_U] + steeper[0] * ink
-    row[1] = contrast * ink_v + light[SLOPE_V] + steeper[1] * ink
-    row[2], row[3], row[4] = contrast * ink_h, contrast * ink_a, contrast * ink_b
-    row[5], row[6] = ink * u, ink * v
-    row[7], row[8], row[9], row[10] = 1 - ink, ink, u, v
-    return light[OUT] + light[SLOPE_U] * u + light[SLOPE_V] * v + contrast * ink
-
-
-@njit(cache=True, error_model="numpy")
-def accumulate(
-    picture: NDArray[np.uint8],
+def accumulate(  # noqa: PLR0915, PLR0917, one loop over pixels reads better than its parts
+    picture: NDArray[Any],
     plane: Array,
     shape: Array,
     steeper: Array,
@@ -208,7 +155,9 @@ def _add_flat(normal: Array, right: Array, sums: Array, solid: bool) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _span(plane: Array, u: float, v: float, reach: float, x0: int, x1: int, y: int) -> tuple[int, int]:
+def _span(  # noqa: PLR0917
+    plane: Array, u: float, v: float, reach: float, x0: int, x1: int, y: int
+) -> tuple[int, int]:
     """Return the first and last column of a row within reach of a place: |u - u0| <= reach is linear in x."""
     low, high = float(x0), float(x1)
     for axis, place in ((0, u), (1, v)):
@@ -222,7 +171,7 @@ def _span(plane: Array, u: float, v: float, reach: float, x0: int, x1: int, y: i
                 low = max(low, -rest / slope)
             elif rest > 0:
                 return 0, -1
-    return int(math.ceil(low)), int(math.floor(high))
+    return math.ceil(low), math.floor(high)
 
 
 @njit(cache=True, error_model="numpy")
@@ -282,8 +231,8 @@ def solve(normal: Array, right: Array) -> tuple[Array, Array, Array]:
 
 
 @njit(cache=True, error_model="numpy")
-def gauss_newton(
-    picture: NDArray[np.uint8],
+def gauss_newton(  # noqa: PLR0917
+    picture: NDArray[Any],
     homography: Array,
     shape: Array,
     steeper: Array,
@@ -308,7 +257,7 @@ def gauss_newton(
     to_centre[:2, 2], to_corner[:2, 2] = CENTRE, -CENTRE
     for done in range(most_steps):
         pixel = 1 / math.sqrt(abs(homography[0, 0] * homography[1, 1] - homography[0, 1] * homography[1, 0]))
-        margin = min(max(FLAT * max(shape[1], shape[2]), 8 * pixel), shape[0] * (0.7 if rings.shape[0] == 1 else 0.2))
+        margin = min(max(FLAT * max(shape[1], shape[2]), 12 * pixel), shape[0] * (0.7 if rings.shape[0] == 1 else 0.2))
         plane = np.linalg.inv(homography)
         accumulate(
             picture, plane, shape, steeper, light, rings, margin, limit, normal, right, counts, histogram, bin_grey
@@ -316,13 +265,13 @@ def gauss_newton(
         edge = counts[:, EDGE].sum()
         if edge < 60 or counts[:, EDGE].min() < 12:
             return 0, information, counts, noise
-        noise = math.sqrt(counts[:, RESIDUAL].sum() / (edge - SHARED))
+        noise = math.sqrt(float(counts[:, RESIDUAL].sum()) / (float(edge) - SHARED))
         if done < SETTLED:
             limit = TRIM * max(1.4826 * _median(histogram, bin_grey), bin_grey)
         step, own, information = solve(normal, right)
         if not np.isfinite(step).all():
             return 0, information, counts, noise
-        length = math.sqrt(max(0.0, step @ information @ step)) / noise
+        length = math.sqrt(max(0.0, float(step @ information @ step))) / noise
         worst = max(np.abs(step[:8]).max() / 0.2, np.abs(step[8]) / 0.2, np.abs(step[9:11]).max() / 0.5)
         step /= max(1.0, worst)
         change[0, 0], change[0, 1], change[0, 2] = step[2], step[3], step[0]
@@ -333,7 +282,7 @@ def gauss_newton(
         shape *= np.exp(step[8:11])
         steeper += step[11:]
         light += own
-        if not (0.01 < shape[0] < 0.49 and 1e-4 < min(shape[1], shape[2]) and max(shape[1], shape[2]) < shape[0] * 2):
+        if not (0.01 < shape[0] < 0.49 and min(shape[1], shape[2]) > 1e-4 and max(shape[1], shape[2]) < shape[0] * 2):
             return 0, information, counts, noise
         if length < (small if done < SETTLED else 10 * small) and worst <= 1:
             return done + 1, information, counts, noise
@@ -345,6 +294,6 @@ def _median(histogram: NDArray[np.int64], bin_grey: float) -> float:
     half, below = histogram.sum() / 2, 0.0
     for k in range(histogram.shape[0]):
         if below + histogram[k] >= half:
-            return bin_grey * (k + (half - below) / max(1, histogram[k]))
+            return float(bin_grey * (k + (half - below) / max(1, histogram[k])))
         below += histogram[k]
-    return bin_grey * histogram.shape[0]
+    return float(bin_grey * histogram.shape[0])

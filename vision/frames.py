@@ -95,7 +95,7 @@ def grey(image: NDArray[Any]) -> Picture:
         raise BadInput("picture", f"is {image.dtype} of shape {image.shape}", "expected 8 or 16 bits, grey or colour")
     if image.ndim == 3 and image.shape[2] in (3, 4):
         code = cv2.COLOR_BGR2GRAY if image.shape[2] == 3 else cv2.COLOR_BGRA2GRAY
-        return np.asarray(cv2.cvtColor(image, code))
+        return np.asarray(cv2.cvtColor(image, code), image.dtype)
     if image.ndim == 3:
         if image.shape[2] != 1:
             raise BadInput("picture", f"has {image.shape[2]} channels", "expected 1, 3 or 4")

@@ -125,9 +125,10 @@ def blobs(picture: Picture, marker: Marker) -> list[Blobs]:
 def _components(mask: NDArray[np.uint8], marker: Marker) -> Blobs:
     import cv2
 
-    _, _, stats, middles = cv2.connectedComponentsWithStats(mask, connectivity=4)
-    area = stats[1:, cv2.CC_STAT_AREA].astype(np.float64)
-    boxes, middles = stats[1:, :4].astype(np.float64), middles[1:]
+    _, _, stats, found = cv2.connectedComponentsWithStats(mask, connectivity=4)
+    area: Array = stats[1:, cv2.CC_STAT_AREA].astype(np.float64)
+    boxes: Array = stats[1:, :4].astype(np.float64)
+    middles = np.asarray(found[1:], np.float64)
     width, height = boxes[:, 2], boxes[:, 3]
     least = LEAST_AREA_PX if marker.pattern == "squares" else 4
     like = (area >= least) & (area < MOST_AREA * mask.size) & (width < 3 * height) & (height < 3 * width)
@@ -190,7 +191,7 @@ def _start(picture: Picture, places_px: Array, side_px: float, marker: Marker) -
 def _look(picture: Picture, places_px: Array) -> Array:
     height, width = picture.shape
     x, y = np.rint(places_px).astype(int).T
-    return picture[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)].astype(np.float64)
+    return np.asarray(picture[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)], np.float64)
 
 
 def _same(one: MarkerFit, other: MarkerFit) -> bool:

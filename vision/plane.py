@@ -19,6 +19,7 @@ def rotation(angle_rad: float) -> Array:
 
 
 def picture_from_plane(
+    *,
     angle_rad: float,
     tilt_rad: float,
     tilt_axis_rad: float,

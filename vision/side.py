@@ -86,7 +86,7 @@ def _body(grey: Array) -> tuple[NDArray[np.bool_], float, float]:
     import cv2
 
     shown = np.interp(grey, [grey.min(), grey.max()], [0, 255]).astype(np.uint8)
-    share, mask = cv2.threshold(cv2.GaussianBlur(shown, (5, 5), 0), 0, 1, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
+    mask = cv2.threshold(cv2.GaussianBlur(shown, (5, 5), 0), 0, 1, cv2.THRESH_BINARY + cv2.THRESH_OTSU)[1]
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
     enters = [k for k in range(1, len(stats)) if stats[k, cv2.CC_STAT_TOP] == 0 and stats[k, cv2.CC_STAT_HEIGHT] > 3]
     if not enters or np.ptp(grey) < LEAST_CONTRAST:

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data.errors import BadInput
 from data.signal import Array
@@ -128,7 +129,7 @@ def assemble(found: Sequence[Row], reference: int | None = None) -> Twist:
     )
 
 
-def _doubtful(seen: Array, angle: Array) -> list[int]:
+def _doubtful(seen: NDArray[np.intp], angle: Array) -> list[int]:
     steps, gaps = np.abs(np.diff(angle)), np.diff(seen)
     rate = np.concatenate([[0.0], steps[:-1] / np.maximum(1, gaps[:-1])]) if len(steps) else steps
     return [int(i) for i in np.flatnonzero((steps > np.pi / 2) | ((gaps > 1) & (2 * rate * gaps > np.pi / 2)))]

@@ -119,7 +119,7 @@ def _measure(
 ) -> tuple[Summary, Path | None]:
     """Return what the frames gave, and the file that keeps it until the output is written."""
     partial = out.with_name(f".{out.name}.frames") if out else None
-    head = {"source": str(source.path.resolve()), "topic": source.topic, "marker": asdict(marker)}
+    head: dict[str, Any] = {"source": str(source.path.resolve()), "topic": source.topic, "marker": asdict(marker)}
     head |= {"modified": source.path.stat().st_mtime_ns, "rate_hz": source.rate_hz}
     kept = Summary(_resume(partial, head), {})
     kept.resumed = len(kept.found)
@@ -212,7 +212,7 @@ def _values(kept: Summary, twist: Twist, source: Source) -> dict[str, Any]:
 
 
 def _picture(row: Row, places: list[list[float]] | None) -> dict[str, Any]:
-    corner, second, third = places or [None] * 3
+    corner, second, third = places or (None, None, None)
     return {
         "name": row.name,
         "status": row.status,

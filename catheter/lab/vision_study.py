@@ -1,69 +1,27 @@
-"""The studies of vision: how near the angle is to the Cramer-Rao bound, what disturbs it, two cameras' clocks."""
+"""The study of the angle: how near several methods are to the Cramer-Rao bound, and how fast."""
 
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from catheter.lab.clock_study import camera_clock
 from catheter.lab.report import Progress, Report, Row
-from catheter.lab.vision_shots import STRESSES, Stress, aruco, plain, qr, qr_shot
+from catheter.lab.vision_shots import aruco, plain, qr
+from catheter.lab.vision_stress import stress
+from catheter.lab.vision_tally import Answer, Pixels, Tally, ours
 from data.signal import Array
 from vision.centroid import centroids
 from vision.fit import NoMarker
-from vision.marker import blobs, find, triangles
-from vision.pattern import BLOBS, QR, SQUARES
+from vision.marker import blobs, triangles
+from vision.pattern import BLOBS, SQUARES
 from vision.plane import affine, plane_angle_rad
 from vision.render import Shot, angle_bound_rad, exact, render
 from vision.twist import Tracker
 
-Pixels = NDArray[np.uint8]
-Answer = tuple[float, float]  # angle and its standard deviation (NaN where a method gives none) [rad]
 TILTED = ("x", "y", "pitch_px", "size", "blur_px", "card_grey", "ink_grey", "tilt_rad", "tilt_axis_rad")
-
-
-@dataclass
-class Tally:
-    """What one method did at one level: errors [deg], reported deviations [deg], reasons for none, seconds."""
-
-    errors: list[float] = field(default_factory=list)
-    sigmas: list[float] = field(default_factory=list)
-    missed: list[str] = field(default_factory=list)
-    seconds: float = 0.0
-
-    def take(self, method: Callable[[Pixels], Answer], picture: Pixels, truth_rad: float) -> None:
-        """Run a method on one picture."""
-        started = time.perf_counter()
-        try:
-            angle, sigma = method(picture)
-        except NoMarker as error:
-            self.missed.append(str(error))
-        else:
-            self.errors.append(math.degrees((angle - truth_rad + math.pi) % (2 * math.pi) - math.pi))
-            self.sigmas.append(math.degrees(sigma))
-        self.seconds += time.perf_counter() - started
-
-    @property
-    def count(self) -> int:
-        """Pictures taken."""
-        return len(self.errors) + len(self.missed)
-
-    @property
-    def wrong(self) -> int:
-        """Answers off by more than 0.1 degrees and five of their own standard deviations."""
-        return int(np.sum((np.abs(self.errors) > 0.1) & (np.abs(self.errors) > 5 * np.array(self.sigmas))))
-
-    @property
-    def rms(self) -> float:
-        """Root mean square error in degrees."""
-        return math.sqrt(float(np.mean(np.square(self.errors)))) if self.errors else math.nan
-
-    def row(self, method: str, level: str) -> Row:
-        """Return the tally as a report's row."""
-        failed = f"missed {len(self.missed)} of {self.count}" if not self.errors else ""
-        return Row(method=method, level=level, error=self.rms, seconds=self.seconds / self.count, failed=failed)
 
 
 def twist(quick: bool, progress: Progress) -> Report:
@@ -108,14 +66,14 @@ def _accuracy(count: int, progress: Progress) -> tuple[list[Row], list[str]]:
     rows, notes = [tally.row(name, f"noise {noise}") for (name, noise), tally in tallies.items()], []
     shot = plain(np.random.default_rng(0))
     for noise in (2, 8):
-        ours = tallies["this project", noise]
+        mine = tallies["this project", noise]
         bound = math.degrees(angle_bound_rad(shot, noise_grey=noise))
         tilted = math.degrees(angle_bound_rad(replace(shot, tilt_rad=1e-3), TILTED, noise))
         rows.append(Row(method="Cramer-Rao bound", level=f"noise {noise}", error=bound, seconds=math.nan))
-        sigma = math.sqrt(float(np.mean(np.square(ours.sigmas))))
+        sigma = math.sqrt(float(np.mean(np.square(mine.sigmas))))
         notes.append(
-            f"Noise {noise}: ours {ours.rms / bound:.2f} x the bound of {bound:.6f} deg (unknown: place, pitch, size, "
-            f"blur, both greys; {tilted:.6f} with tilt); reported sigma / scatter {sigma / ours.rms:.3f}."
+            f"Noise {noise}: ours {mine.rms / bound:.2f} x the bound of {bound:.6f} deg (unknown: place, pitch, size, "
+            f"blur, both greys; {tilted:.6f} with tilt); reported sigma / scatter {sigma / mine.rms:.3f}."
         )
     lost = [f"{name} at {noise}: {len(t.missed)} of {t.count}" for (name, noise), t in tallies.items() if t.missed]
     return rows, [
@@ -164,11 +122,6 @@ def _following(tracker: Tracker) -> Callable[[Pixels], Answer]:
         return found.angle_rad, found.sigma_rad
 
     return method
-
-
-def _whole(picture: Pixels) -> Answer:
-    found = find(picture, SQUARES)
-    return found.angle_rad, found.sigma_rad
 
 
 def _binary(picture: Pixels) -> Answer:
@@ -221,105 +174,10 @@ def _of_corners(c: Array) -> Answer:
 
 
 _METHODS: dict[str, Callable[[Pixels], Answer]] = {
-    "this project": _whole,
+    "this project": ours,
     "this project, grey-weighted centroids alone": _weighted,
     "thesis: blur, threshold, binary centroids": _binary,
 }
-
-
-def stress(quick: bool, progress: Progress) -> Report:
-    """One disturbance at a time at its extreme, all at half strength, cut and absent markers, QR codes."""
-    count = 25 if quick else 1000
-    rows, notes = [], []
-    for at, case in enumerate(STRESSES):
-        tally = _stressed(case, count, np.random.default_rng(100 + at))
-        rows.append(Row(method=case.name, level=f"{count}", error=float(tally.wrong), seconds=tally.seconds / count))
-        must = "must all be missed" if case.missing else "at most 1 % may be missed"
-        worst = f"; rms {tally.rms:.4f}, worst {max(map(abs, tally.errors)):.4f} deg" if tally.errors else ""
-        notes.append(f"{case.name}: missed {len(tally.missed)} of {count} ({must}), wrong {tally.wrong}{worst}.")
-        progress((at + 1) / (len(STRESSES) + 1))
-    row, note = _codes(20 if quick else 500)
-    progress(1.0)
-    return Report(
-        name="twist-stress",
-        title="Pictures under stress: wrong answers (over 0.1 deg and 5 sigma), simulated",
-        level="pictures",
-        error="wrong",
-        rows=[*rows, row],
-        notes=[*notes, note],
-    )
-
-
-def _stressed(case: Stress, count: int, draw: np.random.Generator) -> Tally:
-    tally = Tally()
-    for _ in range(count):
-        shot = case.disturb(plain(draw), draw, 1.0)
-        tally.take(_whole, render(shot, draw), shot.angle_rad)
-    if case.missing:  # any answer is a guess
-        tally.sigmas = [0.0] * len(tally.errors)
-        tally.errors = [max(0.2, abs(error)) for error in tally.errors]
-    return tally
-
-
-def _codes(count: int) -> tuple[Row, str]:
-    """Find the three finders of rendered QR codes; wrong is a centre off by over 1 px or by another name."""
-    draw, seconds = np.random.default_rng(7), 0.0
-    off: list[float] = []
-    for _ in range(count):
-        shot = qr_shot(draw)
-        picture = render(shot, draw)
-        started = time.perf_counter()
-        try:
-            found = find(picture, QR)
-        except NoMarker:
-            pass
-        else:
-            off.append(float(np.hypot(*(found.blobs_px - shot.blobs_px()).T).max()))
-        seconds += time.perf_counter() - started
-    wrong, worst = sum(error > 1 for error in off), max(off, default=math.nan)
-    name = "QR codes, rendered: perspective, blur, noise, uneven light"
-    note = (
-        f"{name}: {len(off) - wrong} of {count} right, {count - len(off)} missed, {wrong} wrong, worst {worst:.3f} px."
-    )
-    return Row(method=name, level=f"{count}", error=float(wrong), seconds=seconds / count), note
-
-
-def camera_clock(quick: bool, progress: Progress) -> Report:
-    """The offset of two cameras' clocks from a flash, a blinking light and the twist itself."""
-    from catheter.lab.clock_study import CASES, tried
-
-    seeds = 40 if quick else 200
-    rows, notes = [], []
-    for at, (name, case) in enumerate(CASES.items()):
-        errors, inside, seconds = tried(case, seeds)
-        rms = math.sqrt(float(np.mean(np.square(errors))))
-        rows.append(Row(method=name, level=f"{seeds}", error=rms, seconds=seconds / seeds))
-        third = float(np.mean(np.abs(errors) < 1 / 90))
-        notes.append(
-            f"{name}: rms {1e3 * rms:.3f} ms, worst {1e3 * np.abs(errors).max():.3f} ms, {100 * third:.1f} % within a third "
-            f"of a frame; the 95 % interval holds the truth in {inside} of {seeds}{_band(seeds)}."
-        )
-        progress((at + 1) / len(CASES))
-    notes.append(
-        "Exposure: a step inside it is timed by the brightness of one frame; one in the pause (period - exposure) is "
-        "not seen, and is known to that pause. Rolling shutter: the region's rows are exposed row / rows x readout later; "
-        "without that delay the offset is wrong by the difference of the two cameras' delays."
-    )
-    return Report(
-        name="camera-clock",
-        title="Offset of two cameras' clocks, 30 frames/s, exposure 10 ms, global shutter (simulated)",
-        level="seeds",
-        error="rms error, s",
-        rows=rows,
-        notes=notes,
-    )
-
-
-def _band(seeds: int) -> str:
-    from scipy.stats import binom
-
-    low, high = binom.interval(0.99, seeds, 0.95)
-    return f" (99 % band {low:.0f} to {high:.0f})"
 
 
 STUDIES: dict[str, Callable[[bool, Progress], Report]] = {
