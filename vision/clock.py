@@ -82,9 +82,7 @@ def flashes(light: Signal, exposure_s: float, *, delay_s: float = 0.0) -> list[F
         )
     middle = (value.min() + value.max()) / 2
     dark, bright = np.median(value[value < middle]), np.median(value[value >= middle])
-    steps = np.diff(value)
-    quiet = np.abs(steps) < 0.1 * (bright - dark)
-    noise = 1.4826 * float(np.median(np.abs(steps[quiet]))) / np.sqrt(2) if quiet.any() else 0.0
+    noise = 1.4826 * float(np.median(np.abs(value - np.where(value < middle, dark, bright))))
     noise = max(noise, 0.02)  # the mean of a region of whole grey levels
     if not bright - dark > 8 * noise:
         raise BadInput("light", f"changes by {bright - dark:.2f} grey at noise {noise:.2f}", "expected a flash")
@@ -103,16 +101,18 @@ def _flash(light: Signal, between: tuple[int, int], exposure_s: float, noise: fl
     time_s, share, (before, after) = light.time_s, light.value, between
     rises = bool(share[after] > share[before])
     sigma = max(noise * exposure_s, 1e-6)
+    unseen = exposure_s / 2 - DOUBT * noise * exposure_s  # a step so near an exposure's end is lost in its noise
+    earliest, latest = float(time_s[before] + unseen), float(time_s[after] - unseen)
     if after - before == 1:
-        return Flash(time_s[before] + exposure_s / 2, time_s[after] - exposure_s / 2, sigma, rises)
+        return Flash(earliest, latest, sigma, rises)
     partial = share[before + 1] if rises else 1 - share[before + 1]
     moment = time_s[before + 1] + exposure_s / 2 - partial * exposure_s
-    first, last = moment, moment
+    first = last = float(moment)
     if partial < 2 * DOUBT * noise:  # perhaps noise alone, and the step came in the pause after it
-        last = time_s[after] - exposure_s / 2
+        last = latest
     elif partial > 1 - 2 * DOUBT * noise:
-        first = time_s[before] + exposure_s / 2
-    return Flash(float(first), float(last), sigma, rises)
+        first = earliest
+    return Flash(first, last, sigma, rises)
 
 
 def offset(first: list[Flash], other: list[Flash], *, search_s: float = 0.25) -> Offset:

@@ -156,7 +156,8 @@ def smooth(twist: Twist, acceleration_rad_s2: float) -> Twist:
     model = KalmanFilter(dim_x=2, dim_z=1)
     model.H = np.array([[1.0, 0.0]])
     model.x = np.array([[angle[0]], [0.0]])
-    model.P = np.diag([sigma[0] ** 2, (100 * acceleration_rad_s2) ** 2])
+    # wide open: the first angle is an observation as any other
+    model.P = np.diag([(1e4 * sigma[0]) ** 2, (100 * acceleration_rad_s2) ** 2])
     forward, noise = [], []
     for step, value, deviation in zip(steps, angle, sigma, strict=True):
         model.F = np.array([[1.0, step], [0.0, 1.0]])
