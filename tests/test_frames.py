@@ -92,12 +92,8 @@ def test_what_is_no_source_is_named(tmp_path: Path) -> None:
     (tmp_path / "empty.mp4").touch()
     (tmp_path / "text.mp4").write_text("no video at all")
     (tmp_path / "folder").mkdir()
-    for name, found in (
-        ("empty.mp4", "is empty"),
-        ("text.mp4", "no video"),
-        ("folder", "no pictures"),
-        ("x", "not there"),
-    ):
+    expected = {"empty.mp4": "is empty", "text.mp4": "no video", "folder": "no pictures", "x": "not there"}
+    for name, found in expected.items():
         with pytest.raises(BadInput, match=f"{name}.*{found}"):
             open_source(tmp_path / name)
     two = recording(tmp_path / "two.mcap", [jpeg(9)], ("/camera/top", "/camera/side"))

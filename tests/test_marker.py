@@ -14,7 +14,7 @@ from vision.fit_kernel import BINS, COUNTS, ROW, accumulate
 from vision.fit_model import model_at
 from vision.marker import find
 from vision.pattern import QR, RINGS, SQUARES, Marker, square
-from vision.plane import plane_angle_rad
+from vision.plane import plane_angle_rad, rotation
 from vision.render import Shot, angle_bound_rad, exact, render
 
 SHOT = Shot(width_px=320, height_px=240, middle_px=(158.7, 121.2), pitch_px=70.0, angle_rad=0.6, noise_grey=2.0)
@@ -55,9 +55,8 @@ def least_squares(picture: np.ndarray, fit: MarkerFit, step: np.ndarray) -> tupl
     counts, bins = np.zeros((3, COUNTS)), np.zeros(BINS, np.int64)
     shape = np.array([fit.size / 2, *fit.blur])
     plane = np.linalg.inv(homography)
-    accumulate(
-        picture, plane, shape, fit.steeper, fit.light, SQUARES.rings, 0.05, 1e9, normal, right, counts, bins, 1.0
-    )
+    light, sums = (fit.steeper, fit.light), (normal, right, counts, bins)
+    accumulate(picture, plane, shape, *light, SQUARES.rings, 0.05, 1e9, *sums, 1.0)
     return float(counts[:, 1].sum()), right.sum(axis=0)
 
 
@@ -150,9 +149,7 @@ def test_two_markers_are_not_guessed_between() -> None:
         find(render(replace(near, patches=tuple((p - [15, 0], g) for p, g in other)), 1), SQUARES)
     fourth = SHOT.homography() @ np.array([1.0, 1.0, 1.0])
     middle, turn = fourth[:2] / fourth[2], SHOT.angle_rad
-    corners = square(np.zeros(2), 28.0) @ np.array(
-        [[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]]
-    )
+    corners = square(np.zeros(2), 28.0) @ rotation(turn).T
     with pytest.raises(NoMarker, match="4 markers"):  # four squares: any three are a marker
         find(render(replace(SHOT, patches=((middle + corners, contrast),)), 1), SQUARES)
 

@@ -118,7 +118,9 @@ def test_an_interrupted_run_is_continued(tmp_path: Path, film, capsys, monkeypat
     assert json.loads(capsys.readouterr().out)["resumed_at"] == 14
     assert not partial.exists()
     for again, once in zip(read(out), whole, strict=True):
-        assert float(again["angle_rad"]) == pytest.approx(float(once["angle_rad"]), abs=1e-6, nan_ok=True)
+        assert float(again["angle_rad"]) == pytest.approx(
+            float(once["angle_rad"]), abs=1e-4, nan_ok=True
+        )  # searched instead of followed
 
 
 def test_a_folder_of_photographs_lists_centres_by_file(tmp_path: Path, film, capsys) -> None:

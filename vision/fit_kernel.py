@@ -271,7 +271,8 @@ def gauss_newton(  # noqa: PLR0917
         step, own, information = solve(normal, right)
         if not np.isfinite(step).all():
             return 0, information, counts, noise
-        length = math.sqrt(max(0.0, float(step @ information @ step))) / noise
+        gain = max(0.0, float(step @ information @ step))  # what the step takes off the sum of squares
+        length = math.sqrt(gain / max(noise**2 - gain / float(edge), 0.01 * noise**2))
         worst = max(np.abs(step[:8]).max() / 0.2, np.abs(step[8]) / 0.2, np.abs(step[9:11]).max() / 0.5)
         step /= max(1.0, worst)
         change[0, 0], change[0, 1], change[0, 2] = step[2], step[3], step[0]

@@ -21,6 +21,7 @@ LEAST_AREA_PX = 16
 MOST_AREA = 0.15  # of the picture
 MOST_BLOBS = 60
 MOST_TRIES = 12
+WORSE = 3.0  # times the last frame's residuals: then the fit is in a wrong place, and the whole frame is searched
 LIKE = 0.6  # smaller over larger side among a marker's blobs
 SQUARE_TO = 0.5  # most cosine between the legs of a tilted right angle
 RIM = {"squares": 1.4, "qr": 8 / 7}  # half sides from a blob's middle at which its paper is looked at
@@ -67,7 +68,10 @@ def follow(picture: Picture, last: MarkerFit, places_px: Array, marker: Marker, 
     moved = affine(last.blobs_px, near) @ last.homography
     before = last.start
     start = Start(homography=moved / moved[2, 2], shape=before.shape, steeper=before.steeper, light=before.light)
-    return fit(picture, start, marker, principal_px)
+    found = fit(picture, start, marker, principal_px)
+    if found.noise_grey > WORSE * max(last.noise_grey, 0.5):
+        raise NoMarker(f"residuals of {found.noise_grey:.1f} grey after {last.noise_grey:.1f}: another minimum")
+    return found
 
 
 def check_picture(picture: NDArray[Any]) -> None:
