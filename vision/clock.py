@@ -20,7 +20,7 @@ from vision.frames import Frame
 
 SHARE = 0.95
 STEPS = 4001  # of the offset's density
-DOUBT = 4.0  # noises within which a frame is not told from fully dark or fully bright
+DOUBT = 5.5  # noises within which a frame is not told from fully dark or fully bright: chance does it once in 5e7
 
 
 @dataclass(frozen=True)
@@ -107,12 +107,7 @@ def _flash(light: Signal, between: tuple[int, int], exposure_s: float, noise: fl
         return Flash(earliest, latest, sigma, rises)
     partial = share[before + 1] if rises else 1 - share[before + 1]
     moment = time_s[before + 1] + exposure_s / 2 - partial * exposure_s
-    first = last = float(moment)
-    if partial < 2 * DOUBT * noise:  # perhaps noise alone, and the step came in the pause after it
-        last = latest
-    elif partial > 1 - 2 * DOUBT * noise:
-        first = earliest
-    return Flash(first, last, sigma, rises)
+    return Flash(float(moment), float(moment), sigma, rises)
 
 
 def offset(first: list[Flash], other: list[Flash], *, search_s: float = 0.25) -> Offset:
