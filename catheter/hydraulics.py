@@ -139,19 +139,20 @@ def _ours(circuit: Circuit, drive: Drive, begin: Array, solver: Solver) -> Run:
     from catheter.circuit_kernel import integrate
 
     n = len(begin)
-    status, where, steps, tried, time, width, state, dense = integrate(
-        circuit.table(),
-        drive.breaks_s,
-        drive.pieces,
-        begin - 1.0,
-        np.zeros((0, 2 * n)),
-        solver.tolerance,
-        solver.most_steps,
+    none = np.zeros((0, 2 * n))
+    found = integrate(
+        circuit.table(), drive.breaks_s, drive.pieces, begin - 1.0, none, solver.tolerance, solver.most_steps
     )
-    refuse(
-        status, where, float(time[steps - 1] + width[steps - 1]) if steps else float(drive.breaks_s[0]), tried, solver
-    )
-    time, width, state, dense = time[:steps], width[:steps], state[: steps + 1], dense[:steps]
+    return run_of(circuit, drive, solver, found)
+
+
+def run_of(circuit: Circuit, drive: Drive, solver: Solver, found: tuple[Any, ...]) -> Run:
+    """Return what the compiled integrator returned as a Run; raises DidNotConverge where it gave up."""
+    status, where, steps, tried, time, width, state, dense = found
+    time, width = time[:steps], width[:steps]
+    refuse(status, where, float(time[-1] + width[-1]) if steps else float(drive.breaks_s[0]), tried, solver)
+    n = len(circuit.segments)
+    state, dense = state[: steps + 1, :n], dense[:steps, :, :n]
 
     def between(times: Array) -> Array:
         i = np.clip(np.searchsorted(time, times, side="right") - 1, 0, steps - 1)
