@@ -279,7 +279,9 @@ def _stages(  # noqa: PLR0917
 @njit(cache=True, nogil=True, error_model="numpy")
 def _grown(array: Array) -> Array:
     larger = np.empty((2 * len(array), *array.shape[1:]))
-    larger[: len(array)] = array
+    old, new = array.reshape(-1), larger.reshape(-1)
+    for i in range(len(old)):  # a slice would do, but takes a second to compile
+        new[i] = old[i]
     return larger
 
 
@@ -512,6 +514,48 @@ def balance(table: Array, breaks: Array, pieces: Array, lower: Array, upper: Arr
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _newton(end: Array, gap: Array) -> Array:
+    """Return (1 - D)^-1 gap for the derivative D of the end state, whose column j is end[(1+j) N : (2+j) N].
+
+    Gauss elimination with row exchanges; numpy's costs seconds to compile. A direction that the
+    cycle does not bring back at all (a shut valve) keeps its gap.
+    """
+    n = len(gap)
+    a, x = np.empty((n, n)), gap.copy()
+    for i in range(n):
+        for j in range(n):
+            a[i, j] = (1.0 if i == j else 0.0) - end[(1 + j) * n + i]
+    for k in range(n):
+        best = k
+        for i in range(k + 1, n):
+            best = i if abs(a[i, k]) > abs(a[best, k]) else best
+        for j in range(n):
+            a[k, j], a[best, j] = a[best, j], a[k, j]
+        x[k], x[best] = x[best], x[k]
+        if abs(a[k, k]) < 1e-12:
+            return gap
+        for i in range(k + 1, n):
+            factor = a[i, k] / a[k, k]
+            for j in range(k, n):
+                a[i, j] -= factor * a[k, j]
+            x[i] -= factor * x[k]
+    for k in range(n - 1, -1, -1):
+        for j in range(k + 1, n):
+            x[k] -= a[k, j] * x[j]
+        x[k] /= a[k, k]
+    return x
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _largest(x: Array) -> float:
+    """Return max |x|; NaN if one is."""
+    most = 0.0
+    for k in range(len(x)):
+        most = abs(x[k]) if not abs(x[k]) <= most else most
+    return most
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def periodic(  # noqa: PLR0917
     table: Array,
     breaks: Array,
@@ -537,48 +581,45 @@ def periodic(  # noqa: PLR0917
     """
     n = len(table)
     lower, upper = bounds(table, breaks, pieces)
-    x, step = guess.copy(), np.zeros(n)
+    x, step, gap = guess.copy(), np.zeros(n), np.zeros(n)
     sensitive, before, error, share, cycle = plain == 0, np.inf, np.inf, 1.0, 0
-    identity, none = np.eye(n), np.zeros((0, 2 * n))
     while True:
+        columns = n + n * n if sensitive else n
+        start = np.zeros(columns)
         for k in range(n):
             x[k] = min(max(x[k], lower[k]), upper[k])
-        cycle += 1
-        start = np.empty(n + n * n if sensitive else n)
-        start[:n] = x
-        if sensitive:
-            start[n:] = identity.ravel()
-        tangent = np.zeros((n, 2 * n)) if sensitive else none
+            start[k] = x[k]
+            if sensitive:
+                start[n + k * n + k] = 1.0
+        tangent = np.zeros((n if sensitive else 0, 2 * n))
         found = integrate(table, breaks, pieces, start, tangent, tolerance, most)
+        cycle += 1
         if found[0] != DONE:
             return found[0], found[1], cycle, np.inf, closing, x, *found[2:]
-        end, gap = found[6][found[2]], np.empty(n)
+        end = found[6][found[2]]
         for k in range(n):
             gap[k] = end[k] - x[k]
-        size = np.abs(gap).max()
-        newton = gap
-        if sensitive and np.isfinite(end).all():
-            matrix = identity - end[n:].copy().reshape(n, n).T
-            if np.linalg.cond(matrix) < 1e12:
-                newton = np.linalg.solve(matrix, gap)
-            error = np.abs(newton).max()
+        size, newton = _largest(gap), gap
+        if sensitive and np.isfinite(_largest(end)):
+            newton = _newton(end, gap)
+            error = _largest(newton)
         else:
             closing = closing if cycle == 1 else size / before
-            error = size / (1.0 - closing) if closing < 0.5 else (np.inf if size > 0.0 else 0.0)
+            doubt = 4.0 if cycle == 1 else 1.0  # what was known beforehand may be somewhat wrong here
+            error = doubt * size / (1.0 - closing) if closing < 0.5 else (np.inf if size > 0.0 else 0.0)
         if error <= settle or cycle >= most_cycles:
             return found[0], found[1], cycle, error, closing, x, *found[2:]
-        if not sensitive:
-            sensitive = cycle >= plain or (cycle > 1 and not size < 0.1 * before)
-            x += gap
-        elif size < before or share < 0.2:
-            share = 1.0
-            step = newton
-            x += step
-        else:  # too far: take back all but a quarter of the last step
+        if sensitive and not size < before and share > 0.2:  # too far: take back all but a quarter of the last step
             share *= 0.25
-            x -= 0.75 * step
-            step = 0.25 * step
+            for k in range(n):
+                x[k] -= 0.75 * step[k]
+                step[k] *= 0.25
             continue
+        share = 1.0
+        for k in range(n):
+            step[k] = newton[k]
+            x[k] += step[k]
+        sensitive = sensitive or cycle >= plain or (cycle > 1 and not size < 0.1 * before)
         before = size
 
 
@@ -610,7 +651,8 @@ def many(  # noqa: PLR0917
     last, closing = np.empty((3, n)), 1.0
     for c in range(count):
         if known > 0:
-            guess = last[0] if known < 3 else 3.0 * (last[0] - last[1]) + last[2]
+            for k in range(n):
+                guess[k] = last[0, k] if known < 3 else 3.0 * (last[0, k] - last[1, k]) + last[2, k]
         status, _, run, error, closing, _, steps, _, time, width, state, dense = periodic(
             tables[c], breaks[c], pieces[c], guess, most_cycles, closing, settle, most_cycles, tolerance, most
         )
@@ -618,7 +660,8 @@ def many(  # noqa: PLR0917
             cycles[c], known = -run, 0
             continue
         cycles[c], known = run, known + 1
-        last[2], last[1], last[0] = last[1], last[0], state[steps, :n]
+        for k in range(n):
+            last[2, k], last[1, k], last[0, k] = last[1, k], last[0, k], state[steps, k]
         for j in range(events):
             i, a = crossing(state, dense, steps, columns[j], levels[1, j], levels[0, j] > 0.0)
             if i >= 0:

@@ -1,6 +1,7 @@
 """The periodic steady state of a circuit, found directly instead of waited for."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -69,7 +70,7 @@ def periodic(
         *(table, drive.breaks_s, drive.pieces, begin, 0, 1.0, settle),
         *(closing.most_cycles, solver.tolerance, solver.most_steps),
     )
-    found = (status, where, *arrays)
+    found: tuple[Any, ...] = (status, where, *arrays)
     run = run_of(circuit, drive, solver, found)
     if not error <= settle:
         raise DidNotConverge(

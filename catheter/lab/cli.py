@@ -12,6 +12,8 @@ from typing import Any, NoReturn
 
 from data.errors import BadInput, CatheterError, RecordingCut
 
+REPORT_NAMES = ("regression", "hysteresis", "recordings", "damage", "hydraulics", "hydraulics-stability")
+
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
@@ -61,8 +63,15 @@ def parser() -> argparse.ArgumentParser:
     record.add_argument("--out", metavar="FILE.mcap", required=True, help="the recording to write")
     record.add_argument("--force", action="store_true", help="overwrite the output")
 
+    running = command("run", "run a scene of the robot: events, objective and stroke beside the published values")
+    running.add_argument("scene", help="a shipped scene (locomotion), or a .toml file")
+
+    tune = command("tune", "find the best valves: the thesis's map, and the optimum next to its best cell")
+    tune.add_argument("--scene", default="locomotion", help="a shipped scene (default: locomotion), or a .toml file")
+    tune.add_argument("--transition", type=float, default=1.0, metavar="PA", help="laminar transition (default: 1 Pa)")
+
     report = command("report", "error against run time, as CSV, table and picture")
-    report.add_argument("name", choices=("regression", "hysteresis", "recordings", "damage"), help="which report")
+    report.add_argument("name", choices=REPORT_NAMES, help="which report")
     report.add_argument("--recording", metavar="FILE.mcap", help="for hysteresis: judge on this recording")
     report.add_argument("--out", metavar="FOLDER", default="out", help="the folder to write to (default: out)")
     report.add_argument("--force", action="store_true", help="overwrite an earlier report")
@@ -107,11 +116,12 @@ def _explain(error: BaseException) -> tuple[str, int]:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from catheter.lab import commands
+    from catheter.lab import circuit_commands, commands
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RecordingCut)
-        outcome = getattr(commands, f"{options.command}_")(options)
+        home = circuit_commands if options.command in ("run", "tune") else commands
+        outcome = getattr(home, f"{options.command}_")(options)
     if options.json:
         print(json.dumps(_plain(outcome.values), indent=1, allow_nan=False))
     else:

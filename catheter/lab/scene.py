@@ -5,6 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from catheter.bench import Bench, Noise, Plant, Schedule
+from catheter.circuit import Circuit
+from catheter.drive import SquareWave
+from catheter.tuning import Marks
 from data.ask import Ask
 from data.errors import BadInput, nearest
 from data.options import find_toml, load_toml, option, parse_toml, read, shipped_names
@@ -16,12 +19,20 @@ FOLDER = Path(__file__).parents[2] / "data" / "scenes"
 class Heading:
     """The `[scene]` table: what kind of experiment, and what a reader calls it."""
 
-    kind: str = option(choices=("bender", "recording"))
+    kind: str = option(choices=("bender", "recording", "locomotion"))
     title: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extender:
+    """The extender's length at rest, printed nowhere: 28 mm a cycle needs about 84 to 103 mm. Inferred."""
+
+    length: float = option(0.1, unit="m", least=1e-3, most=10.0)
 
 
 # The tables each kind of scene may have, beside [scene]; a table left out takes its defaults.
 TABLES: dict[str, dict[str, type]] = {
+    "locomotion": {"source": SquareWave, "circuit": Circuit, "marks": Marks, "extender": Extender},
     "recording": {"ask": Ask},
     "bender": {"drive": Schedule, "bench": Bench, "plant": Plant, "noise": Noise, "ask": Ask},
 }
@@ -38,6 +49,10 @@ class Scene:
     plant: Plant = field(default_factory=Plant)
     noise: Noise = field(default_factory=Noise)
     ask: Ask = field(default_factory=Ask)
+    source: SquareWave = field(default_factory=SquareWave)
+    circuit: Circuit | None = None  # the thesis's
+    marks: Marks = field(default_factory=Marks)
+    extender: Extender = field(default_factory=Extender)
 
     @classmethod
     def load(cls, name: str | Path) -> "Scene":
