@@ -19,7 +19,7 @@ from data.signal import Array
 
 GRID_AREA_M2 = 5e-7  # the thesis's grid step, of orifice area
 GRID_COUNT = 118  # K up to K1
-GRID_SOLVER = Solver(tolerance=3e-5)
+GRID_SOLVER = Solver(tolerance=1e-5)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -108,6 +108,9 @@ def slope(circuit: Circuit, source: SquareWave, marks: Marks, solver: Solver | N
     from catheter import circuit_kernel as kernel
 
     check_robot(circuit)
+    coefficients = np.array([segment.valve.coefficient for segment in circuit.segments])
+    if not (coefficients > 0).all():
+        raise BadInput("circuit", f"a valve is closed: K = {coefficients}", "no derivative by a closed valve's K")
     solver, drive, n = solver or Solver(tolerance=1e-9), source.drive(), len(circuit.segments)
     orbit = periodic(circuit, drive, solver=solver)
     start = np.vstack([orbit.run.volume[0] - 1.0, np.eye(n), np.zeros((2 * n, n))])
@@ -119,7 +122,10 @@ def slope(circuit: Circuit, source: SquareWave, marks: Marks, solver: Solver | N
         raise DidNotConverge(f"derivatives of the cycle: status {status}, segment {where}; lower the tolerance")
     end = state[steps].reshape(1 + 3 * n, n)
     by_start, by_parameter = end[1 : 1 + n].T, end[1 + n :].T
-    first = np.linalg.solve(np.eye(n) - by_start, by_parameter)
+    try:
+        first = np.linalg.solve(np.eye(n) - by_start, by_parameter)
+    except np.linalg.LinAlgError as error:
+        raise DidNotConverge("derivatives of the cycle: its state is not unique; open valves that stay shut") from error
     value, change = np.full(4, np.nan), np.zeros((4, 2 * n))
     order = np.full(4, np.nan)
     columns, (directions, levels) = marks.levels()
@@ -148,7 +154,5 @@ def _slope_of(circuit: Circuit, period: float, marks: Marks, order: Array, exten
         total = 2 * a * da + 2 * b * db - np.sign(a - b) * (da - db)
     n = len(circuit.segments)
     coefficients = np.array([segment.valve.coefficient for segment in circuit.segments])
-    if not (coefficients > 0).all():
-        raise BadInput("circuit", f"a valve is closed: K = {coefficients}", "no derivative by a closed valve's K")
     by_coefficient = total[:n] / coefficients
     return Slope(float(score.objective[0]), by_coefficient, total[n:], float(total[:n].sum()) / period)
