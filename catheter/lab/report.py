@@ -209,9 +209,44 @@ def damage(*, quick: bool, recording: str | None, progress: Progress) -> Report:
     )
 
 
+def hydraulics(*, quick: bool, recording: str | None, progress: Progress) -> Report:
+    """One cycle of the hydraulic circuit and the map over its valves: ours beside scipy's solvers."""
+    _refuse(recording, "hydraulics")
+    from catheter.lab.circuit_study import map_rows, work_precision_rows
+
+    rows = work_precision_rows(quick=quick, progress=progress)
+    cells, notes = map_rows(quick=quick, progress=progress)
+    return Report(
+        name="hydraulics",
+        title="The thesis's circuit, laminar transition 1 Pa: error against run time",
+        level="tolerance",
+        error="largest error of V/V_rest in a cycle; of map rows, of J",
+        rows=rows + cells,
+        notes=["Truth: our own solution at 1e-13 (a cycle), 1e-12 (cells).", *notes],
+    )
+
+
+def hydraulics_stability(*, quick: bool, recording: str | None, progress: Progress) -> Report:
+    """Stiff and extreme cases of the hydraulic circuit: each solved to its tolerance, or refused."""
+    _refuse(recording, "hydraulics-stability")
+    from catheter.lab.circuit_study import stability_rows
+
+    rows, notes = stability_rows(quick=quick, progress=progress)
+    return Report(
+        name="hydraulics-stability",
+        title="Extreme circuits at tolerance 1e-6: solved to it, or refused",
+        level="case",
+        error="largest error of V/V_rest, relative above 1",
+        rows=rows,
+        notes=["Truth: our own solution at 1e-11; beside it Radau at 1e-10.", *notes],
+    )
+
+
 REPORTS: dict[str, Callable[..., Report]] = {
     "regression": regression,
     "hysteresis": hysteresis,
     "recordings": recordings,
     "damage": damage,
+    "hydraulics": hydraulics,
+    "hydraulics-stability": hydraulics_stability,
 }
