@@ -164,7 +164,7 @@ class Circuit:
         table = np.zeros((len(self.segments), kernel.FIRST + degree + 1))
         for row, segment in zip(table, self.segments, strict=True):
             spring, valve = segment.accumulator, segment.valve
-            row[kernel.VOLUME], row[kernel.STIFFNESS] = spring.rest_volume, 1.0
+            row[kernel.PER_VOLUME], row[kernel.STIFFNESS] = 1.0 / spring.rest_volume, 1.0
             row[kernel.FLOW] = valve.coefficient
             row[kernel.LOW], row[kernel.HIGH] = spring.linear_range
             row[kernel.FIRST + 1 : kernel.FIRST + 1 + len(spring.coefficients)] = spring.coefficients

@@ -22,6 +22,8 @@ COMMANDS = {  # what each is for, and the module that does it: NAME_options(pars
     "table": ("print a table of the thesis, with units and source", "report_commands"),
     "free": ("search the fibre angles of a spiral (default: the thesis's task)", "design"),
     "valve": ("list the conical valves, interpolate one, or choose one", "design"),
+    "run": ("run a scene of the robot: events, objective and stroke beside the published values", "circuit_commands"),
+    "tune": ("find the best valves: the thesis's map, and the optimum next to its best cell", "circuit_commands"),
     "fmu": ("write the robot's hydraulic circuit as an FMU for other tools, and try it", "fmu_command"),
 }
 

@@ -5,9 +5,12 @@ from pathlib import Path
 from typing import Any
 
 from catheter.bench import Bench, Noise, Plant, Schedule
+from catheter.circuit import Circuit
+from catheter.drive import SquareWave
 from catheter.refine import Scatter
 from catheter.robot import Extender
 from catheter.task import Task
+from catheter.tuning import Marks
 from catheter.valve import Wanted
 from data.ask import Ask
 from data.errors import BadInput, nearest
@@ -20,12 +23,13 @@ FOLDER = Path(__file__).parents[2] / "data" / "scenes"
 class Heading:
     """The `[scene]` table: what kind of experiment, and what a reader calls it."""
 
-    kind: str = option(choices=("bender", "recording", "free", "valve"))
+    kind: str = option(choices=("bender", "recording", "free", "valve", "locomotion"))
     title: str
 
 
 # The tables each kind of scene may have, beside [scene]; a table left out takes its defaults.
 TABLES: dict[str, dict[str, type]] = {
+    "locomotion": {"source": SquareWave, "circuit": Circuit, "marks": Marks, "extender": Extender},
     "recording": {"ask": Ask},
     "bender": {"drive": Schedule, "bench": Bench, "plant": Plant, "noise": Noise, "ask": Ask},
     "free": {"task": Task, "scatter": Scatter, "extender": Extender},
@@ -48,6 +52,9 @@ class Scene:
     scatter: Scatter = field(default_factory=Scatter)
     extender: Extender = field(default_factory=Extender)
     wanted: Wanted = field(default_factory=Wanted)
+    source: SquareWave = field(default_factory=SquareWave)
+    circuit: Circuit | None = None  # the thesis's
+    marks: Marks = field(default_factory=Marks)
 
     @classmethod
     def load(cls, name: str | Path) -> "Scene":
