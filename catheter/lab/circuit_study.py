@@ -1,5 +1,6 @@
 """The studies behind `report hydraulics` and `report hydraulics-stability`."""
 
+import itertools
 import math
 import time
 from collections.abc import Callable
@@ -20,9 +21,10 @@ CELLS = 200
 TIMES_S = np.concatenate([t + np.geomspace(1e-6, 0.999, 200) for t in (0.0, 1.0)])  # after both switches
 
 
-def hydraulics(*, quick: bool, progress: Progress) -> Report:
+def hydraulics(*, quick: bool, progress: Progress, peers: bool) -> Report:
     """One cycle of the hydraulic circuit and the map over its valves: ours beside scipy's solvers."""
     rows = work_precision_rows(quick=quick, progress=progress)
+    rows += _others(quick=quick, peers=peers)
     cells, notes = map_rows(quick=quick, progress=progress)
     return Report(
         name="hydraulics",
@@ -31,6 +33,18 @@ def hydraulics(*, quick: bool, progress: Progress) -> Report:
         error="largest error of V/V_rest in a cycle; of map rows, of J",
         rows=rows + cells,
         notes=["Truth: our own solution at 1e-13 (a cycle), 1e-12 (cells).", *notes],
+    )
+
+
+def _others(*, quick: bool, peers: bool) -> list[Row]:
+    """Return rows of other programs on the same cycle: CVode by our FMU, and FONSim when peers are asked for."""
+    from catheter.lab.circuit_peers import cvode_rows, fonsim_rows
+
+    circuit, start = thesis_circuit(1.0), np.array([1.00003, 1.0028, 1.0925])
+    reference = simulate(circuit, SquareWave().drive(), start, Solver(tolerance=1e-13))
+    rows = cvode_rows(circuit, start, reference, tuple(10.0 ** -np.arange(3.0, 7.0 if quick else 12.0)))
+    return rows + (
+        fonsim_rows(circuit, start, reference, (1e-2, 1e-3) if quick else (1e-2, 1e-3, 1e-4)) if peers else []
     )
 
 
@@ -87,21 +101,46 @@ def python_slope(circuit: Circuit, pressure_pa: float) -> tuple[Callable[..., An
     return derivative, jacobian
 
 
+def numpy_slope(circuit: Circuit, pressure_pa: float) -> Callable[..., Any]:
+    """Return dx/dt in numpy, as the equations are usually typed in: no Jacobian, every line a vector."""
+    springs = [segment.accumulator for segment in circuit.segments]
+    volume = np.array([spring.rest_volume for spring in springs])
+    low = np.array([spring.linear_range[0] for spring in springs])
+    laws = np.array([spring.coefficients for spring in springs])
+    factor = np.array([segment.valve.coefficient for segment in circuit.segments])
+    transition = np.array([_transition(segment.valve) for segment in circuit.segments])
+    powers = np.arange(1, laws.shape[1] + 1)
+
+    def derivative(t: float, x: Array) -> Array:
+        inside = np.maximum(x, low)[:, None]
+        pressure = (laws * inside**powers).sum(axis=1)
+        slope = (laws * powers * inside ** (powers - 1)).sum(axis=1)
+        pressure += slope * (x - inside[:, 0])
+        drop = -np.diff(pressure, prepend=pressure_pa)
+        flow = factor * drop / (drop**2 + transition**2) ** 0.25
+        return np.asarray(-np.diff(flow, append=0.0) / volume)
+
+    return derivative
+
+
 def _transition(valve: Any) -> float:
     return float(valve.transition)
 
 
-def python_cycle(circuit: Circuit, method: str, tolerance: float, start: Array) -> tuple[Array, Any]:
-    """Return the end (N,) of one thesis cycle by scipy with plain Python functions, and both halves' dense outputs.
+def python_cycle(
+    circuit: Circuit, method: str, tolerance: float, start: Array, *, plain: bool = False
+) -> tuple[Array, Any]:
+    """Return the end (N,) of one thesis cycle by scipy with Python functions, and both halves' dense outputs.
 
-    Restarted at the switch, rtol = tolerance, atol = rtol/100 as the spec's table.
+    Restarted at the switch, rtol = tolerance, atol = rtol/100. plain: numpy and no Jacobian, as it is
+    usually typed in; otherwise plain floats and the exact Jacobian, the best that Python does.
     """
     from scipy.integrate import solve_ivp
 
     x, halves = start, []
     for pressure, left in ((83e3, 0.0), (0.0, 1.0)):
-        derivative, jacobian = python_slope(circuit, pressure)
-        extra: dict[str, Any] = {} if method == "RK45" else {"jac": jacobian}
+        derivative, jacobian = (numpy_slope(circuit, pressure), None) if plain else python_slope(circuit, pressure)
+        extra: dict[str, Any] = {} if method == "RK45" or plain else {"jac": jacobian}
         solve: Any = solve_ivp
         limits = {"rtol": max(tolerance, 2.3e-14), "atol": tolerance / 100}
         found = solve(derivative, (left, left + 1.0), x, method=method, dense_output=True, **limits, **extra)
@@ -145,13 +184,13 @@ def work_precision_rows(*, quick: bool, progress: Progress) -> list[Row]:
     return rows
 
 
-def _python_cell(circuit: Circuit, tolerance: float) -> float:
+def _python_cell(circuit: Circuit, tolerance: float, *, plain: bool) -> float:
     """Return J of one map cell the plain way: LSODA cycle after cycle until it closes to 1e-6, then events."""
     from scipy.optimize import brentq
 
     x = circuit.volume(0.0) - 1.0
     for _ in range(40):
-        end, halves = python_cycle(circuit, "LSODA", tolerance, x)
+        end, halves = python_cycle(circuit, "LSODA", tolerance, x, plain=plain)
         closed = np.abs(end - x).max() < 1e-6
         x = end
         if closed:
@@ -198,18 +237,19 @@ def map_rows(*, quick: bool, progress: Progress) -> tuple[list[Row], list[str]]:
             f"Map at tolerance {tolerance:g}: {cells} cells, {int(whole.cycles.sum())} cycles, {seconds:.2f} s on all "
             f"cores ({used:.2f} s of core time), error in J {error:.1e} on {len(chosen)} random cells."
         )
-    for done, tolerance in enumerate((1e-5, 1e-6, 1e-7)):
+    ways = {"numpy functions": True, "Python floats and exact Jacobian": False}
+    for done, (tolerance, way) in enumerate(itertools.product((1e-5, 1e-6, 1e-7), ways)):
         started = time.process_time()
-        found = [_python_cell(circuit.with_coefficients(*k), tolerance) for k in coefficient]
+        found = [_python_cell(circuit.with_coefficients(*k), tolerance, plain=ways[way]) for k in coefficient]
         used = time.process_time() - started
         error = float(np.abs(np.array(found) - exact.objective).max())
-        name = "K map, a cell: scipy LSODA, Python functions"
+        name = f"K map, a cell: scipy LSODA, {way}"
         rows.append(Row(method=name, level=f"{tolerance:.0e}", error=error, seconds=used / len(chosen)))
         notes.append(
-            f"LSODA with Python functions at {tolerance:g}: {1e3 * used / len(chosen):.1f} ms a cell, error in J "
+            f"LSODA, {way}, at {tolerance:g}: {1e3 * used / len(chosen):.1f} ms a cell, error in J "
             f"{error:.1e}; the whole map on one core would take {used / len(chosen) * cells:.0f} s (extrapolated)."
         )
-        progress(0.5 + (done + 1) / 6)
+        progress(0.5 + (done + 1) / 12)
     return rows, notes
 
 

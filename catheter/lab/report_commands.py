@@ -27,12 +27,16 @@ STUDIES = {  # the module of each report; the function has its name, with "_" fo
 }
 
 
+WITH_PEERS = ("hydraulics",)  # reports that can run other tools beside ours
+
+
 def report_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `report`."""
     parser.add_argument("name", choices=STUDIES, help="which report")
     parser.add_argument("--recording", metavar="FILE.mcap", help="for hysteresis: judge on this recording")
     parser.add_argument("--out", metavar="FOLDER", default="out", help="the folder to write to (default: out)")
     parser.add_argument("--force", action="store_true", help="overwrite an earlier report")
+    parser.add_argument("--peers", action="store_true", help="also run other tools, installed into the cache folder")
     parser.add_argument("--quick", action="store_true", help="fewer levels, seconds instead of minutes")
 
 
@@ -65,6 +69,10 @@ def _made(options: argparse.Namespace, advance: Callable[[float], None]) -> "Rep
         more["recording"] = options.recording
     elif options.recording is not None:
         raise BadInput("--recording", f"given for the {options.name} report", "it makes its own data")
+    if options.name in WITH_PEERS:
+        more["peers"] = options.peers
+    elif options.peers:
+        raise BadInput("--peers", f"given for the {options.name} report", f"only {', '.join(WITH_PEERS)} can take it")
     study = import_module(f"catheter.lab.{STUDIES[options.name]}")
     made: Report = getattr(study, options.name.replace("-", "_"))(quick=options.quick, progress=advance, **more)
     return made
