@@ -37,13 +37,13 @@ def fonsim_rows(circuit: Circuit, start: Array, reference: Run, steps_s: tuple[f
     try:
         found = run_peer("fonsim_cycle.py", ("fonsim==0.6.0",), task)
     except CatheterError as failure:
-        return [Row(method=method, level="", error=np.nan, seconds=np.nan, failed=f"failed: {failure}"[:60])]
+        return [Row(method=method, level="", error=np.nan, seconds=np.nan, failed=f"failed: {failure}"[:200])]
     rows = []
     for one in found:
         failed = one.get("failed", "")
         error = np.nan if failed else float(np.abs(np.array(one["V"]) - reference.at(GRID_S)).max())
         seconds = one.get("seconds", np.nan)
-        rows.append(Row(method=method, level=f"{one['step']:g} s", error=error, seconds=seconds, failed=failed[:60]))
+        rows.append(Row(method=method, level=f"{one['step']:g} s", error=error, seconds=seconds, failed=failed[:200]))
     return rows
 
 

@@ -63,7 +63,7 @@ def measure(method: str, level: str, solve: Callable[[], object], error_of: Call
             answer = solve()
         except (CatheterError, ValueError, RuntimeError, ArithmeticError, np.linalg.LinAlgError) as error:
             spent = time.perf_counter() - started
-            return Row(method=method, level=level, error=math.nan, seconds=spent, failed=f"failed: {error}"[:60])
+            return Row(method=method, level=level, error=math.nan, seconds=spent, failed=f"failed: {error}"[:200])
         spent = time.perf_counter() - started
         seconds, total = min(seconds, spent), total + spent
         if total > 0.5:
@@ -137,9 +137,12 @@ def _draw(report: Report, path: Path) -> None:
 
 def _plot_errors(report: Report, figure: Any) -> None:
     axes = figure.add_subplot()
-    for marker, method in zip("osD^v<>pXh" * 3, dict.fromkeys(row.method for row in report.rows), strict=False):
+    methods = list(dict.fromkeys(row.method for row in report.rows))
+    figure.set_size_inches(8, 5 + 0.12 * len(methods))
+    for index, method in enumerate(methods):
         rows = [row for row in report.rows if row.method == method and math.isfinite(row.error)]
-        axes.loglog([r.seconds for r in rows], [r.error for r in rows], marker=marker, label=method)
+        style = {"marker": "osD^v<>pXh"[index % 10], "linestyle": ("-", "--", ":")[index // 10 % 3]}
+        axes.loglog([r.seconds for r in rows], [r.error for r in rows], label=method, **style)
     if any(row.error == 0 for row in report.rows):  # exact answers have no place on a logarithmic axis
         least = min((row.error for row in report.rows if row.error > 0), default=1.0)
         axes.set_yscale("symlog", linthresh=least)
@@ -147,4 +150,4 @@ def _plot_errors(report: Report, figure: Any) -> None:
     axes.set_ylabel(report.error)
     axes.set_title(report.title, fontsize=10, parse_math=False)
     axes.grid(visible=True, which="both", alpha=0.3)
-    axes.legend(fontsize=8)
+    figure.legend(loc="outside lower center", ncols=2, fontsize=8)
