@@ -8,8 +8,10 @@ assumed; the thesis prints bore, stroke and sampling only.
 import math
 from dataclasses import dataclass
 
+from functools import cache
+from typing import Any
+
 import numpy as np
-from numba import njit
 
 from data.errors import BadInput
 from data.options import option
@@ -61,7 +63,6 @@ class Motion:
         return Motion(*(column[:samples] for column in columns))
 
 
-@njit(cache=True)
 def _drive(command: Array, smooth: bool, by_speed: bool, substeps: int, limits: Array, out: Array) -> None:
     step, gain, lag, rise, fastest, strongest, stroke = limits
     place = 0.0 if by_speed else command[0]
@@ -84,6 +85,13 @@ def _drive(command: Array, smooth: bool, by_speed: bool, substeps: int, limits: 
                 place, speed, push = max(0.0, min(stroke, place)), 0.0, 0.0
 
 
+@cache
+def _compiled() -> Any:
+    from numba import njit  # compiled when a run is asked for, not when a scene is read
+
+    return njit(cache=True)(_drive)
+
+
 def move(servo: Servo, excitation: Excitation, rate_hz: float) -> Motion:
     """Return the piston's motion, sampled at `rate_hz`.
 
@@ -103,5 +111,5 @@ def move(servo: Servo, excitation: Excitation, rate_hz: float) -> Motion:
     gain = 2 * math.pi * servo.bandwidth
     limits = np.array([step, gain, servo.lag, servo.rise, servo.speed, servo.acceleration, STROKE_M])
     out = np.empty((len(time_s), 3))
-    _drive(command, chirp or isinstance(excitation, Sine), by_speed, substeps, limits, out)
+    _compiled()(command, chirp or isinstance(excitation, Sine), by_speed, substeps, limits, out)
     return Motion(time_s, volts, *out.T)

@@ -17,8 +17,9 @@ from sysid.derivative import _weights, noise_robust_derivative
 Array = NDArray[np.float64]
 
 ORDER = 6  # of the Savitzky-Golay polynomial
-HALVES = tuple(sorted({round(4 * 1.09**k) for k in range(40)}))
-SLACK = 1.25  # see `choose_half`
+HALVES = tuple(sorted({round(2 * 1.09**k) for k in range(48)}))
+LEAST = {"Savitzky-Golay": 4, "noise-robust": 2, "Kalman RTS": 2}  # the narrowest that makes a second derivative
+SLACK = 1.5  # see `choose_half`
 GAP = 5.0  # sampling intervals
 JITTER = 0.01
 SEGMENT = 1024
@@ -121,7 +122,7 @@ def choose_half(value: Array, method: str = DEFAULT) -> tuple[int, float]:
     The rule: the spectrum's top quarter is noise, N. For each width the second derivative's
     expected square error is the sum over frequencies of (g - g0)^2 S + g^2 N, where g is the
     method's gain, g0 = -w^2 the exact one, and S what stands at least 30 % above the noise. Of
-    the widths within a quarter of the least error the narrowest is taken: noise in an
+    the widths whose error is at most half as large again as the least the narrowest is taken: noise in an
     acceleration is known and averages out, a gain that is too small is neither.
     """
     from scipy.signal import welch
@@ -131,7 +132,7 @@ def choose_half(value: Array, method: str = DEFAULT) -> tuple[int, float]:
     noise = float(np.median(power[3 * len(power) // 4 :]))
     signal = np.where(power > 1.3 * noise, power - noise, 0.0)
     exact = -(np.linspace(0, np.pi, len(power)) ** 2)
-    halves = [half for half in HALVES if 2 * half + 1 <= len(value)] or [HALVES[0]]
+    halves = [half for half in HALVES if LEAST[method] <= half <= len(value) // 4] or [LEAST[method]]
     risk = np.array([_risk(_gains(method, half, len(power)), exact, signal, noise) for half in halves])
     return halves[int(np.argmax(risk <= SLACK * risk.min()))], float(np.sqrt(noise / 2))
 
@@ -156,8 +157,8 @@ def motion(time_s: Array, value: Array, method: str = DEFAULT, half: int | None 
         raise BadInput("derivative", "values are infinite, or not one for each stamp", "expected (n,) and (n,)")
     stretches, notes = _stretches(time_s, value)
     longest = max(stretches, key=len, default=range(0))
-    if len(longest) < 2 * HALVES[0] + 1:
-        least = 2 * HALVES[0] + 1
+    least = 4 * LEAST[method] + 1
+    if len(longest) < least:
         raise BadInput("derivative", f"the longest stretch has {len(longest)} samples", f"at least {least} are needed")
     even, _, _ = _even(time_s[longest], value[longest])
     chosen, noise = choose_half(even, method)
