@@ -145,9 +145,9 @@ class Cracking:
 def fit_cracking(drop_pa: Array, flow_m3_s: Array, *, level: float = 0.95) -> list[Cracking]:
     """Find the first flow in each direction of a slow ramp: pressure drop and flow, each (n,).
 
-    Flow before: a constant (the sensor's zero). After pressure c: a jump, a root and a straight
-    line of (p - c), none negative. The c of least squares on 400 means of neighbouring samples;
-    its interval is where the squares stay below the least times 1 + F(level; 1, m - 4) / (m - 4).
+    Flow before: a constant (the sensor's zero). After pressure c: a jump and a straight line of
+    (p - c), not negative, and its square and cube for the curvature further on. The c of least squares on 400 means of neighbouring samples;
+    its interval is where the squares stay below the least times 1 + F(level; 1, m - 6) / (m - 6).
     Raises BadInput for a ramp without flow, or without rest before it.
     """
     found = []
@@ -170,9 +170,9 @@ def _crack(pressure: Array, flow: Array, level: float, direction: str) -> Cracki
     squares = np.full(BINS, np.inf)
     for at in range(4, BINS - 8):
         past = np.maximum(p - p[at], 0.0)
-        columns = np.stack([np.ones(BINS), (np.arange(BINS) > at) * 1.0, np.sqrt(past), past], axis=1)
-        squares[at] = solve(columns, q, 1).residual_norm ** 2
-    best, spare = int(np.argmin(squares)), BINS - 4
+        columns = np.stack([np.ones(BINS), past**2, past**3, (np.arange(BINS) > at) * 1.0, past], axis=1)
+        squares[at] = solve(columns, q, 3).residual_norm ** 2
+    best, spare = int(np.argmin(squares)), BINS - 6
     whole = float(np.sum((q - q.mean()) ** 2))
     if not squares[best] < 0.9 * whole:
         raise BadInput(f"cracking, {direction}", "the flow never leaves its zero", "raise the pressure further")

@@ -1,13 +1,17 @@
 """Scenes: TOML files that say what an experiment is. What is computed from one is asked for."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from catheter.actuator import Servo
 from catheter.bench import Bench, Noise, Plant, Schedule
+from catheter.bench_runs import AccumulatorBench, ConeValve, PressureRamp, Relaxation, Sensors, ValveBench
 from data.ask import Ask
 from data.errors import BadInput, nearest
 from data.options import find_toml, load_toml, option, parse_toml, read, shipped_names
+from sysid.excitation import Chirp, Ramp, Sine, Staircase, Steps
 
 FOLDER = Path(__file__).parents[2] / "data" / "scenes"
 
@@ -16,23 +20,37 @@ FOLDER = Path(__file__).parents[2] / "data" / "scenes"
 class Heading:
     """The `[scene]` table: what kind of experiment, and what a reader calls it."""
 
-    kind: str = option(choices=("bender", "recording"))
+    kind: str = option(
+        choices=("bender", "recording", "chirp", "ramp", "staircase", "accumulator", "valve", "cracking")
+    )
     title: str
 
+
+_BENDER = {"servo": Servo, "plant": Plant, "relaxation": Relaxation, "sensors": Sensors, "ask": Ask}
 
 # The tables each kind of scene may have, beside [scene]; a table left out takes its defaults.
 TABLES: dict[str, dict[str, type]] = {
     "recording": {"ask": Ask},
     "bender": {"drive": Schedule, "bench": Bench, "plant": Plant, "noise": Noise, "ask": Ask},
+    "chirp": {"drive": Chirp, **_BENDER},
+    "ramp": {"drive": Ramp, **_BENDER},
+    "staircase": {"drive": Staircase, **_BENDER},
+    "accumulator": {"drive": Sine, "servo": Servo, "accumulator": AccumulatorBench, "sensors": Sensors, "ask": Ask},
+    "valve": {"drive": Steps, "servo": Servo, "valve": ValveBench, "sensors": Sensors, "ask": Ask},
+    "cracking": {"drive": PressureRamp, "valve": ConeValve, "sensors": Sensors, "ask": Ask},
 }
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """A checked scene: its options by table, and the text it was read from."""
+    """A checked scene: its options by table, and the text it was read from.
+
+    tables: every table of its kind by name, for runs of the bench; drive to ask: a bender scene's.
+    """
 
     heading: Heading
     text: str
+    tables: Mapping[str, Any] = field(default_factory=dict)
     drive: Schedule = field(default_factory=Schedule)
     bench: Bench = field(default_factory=Bench)
     plant: Plant = field(default_factory=Plant)
@@ -58,9 +76,11 @@ class Scene:
             if name not in known:
                 raise BadInput(f"{place}, [{name}]", f"is no table of a {heading.kind} scene", nearest(name, known))
         options: dict[str, Any] = {
-            name: read(kind, tables[name], f"{place}, [{name}]") for name, kind in known.items() if name in tables
+            name: read(kind, tables.get(name, {}), f"{place}, [{name}]") for name, kind in known.items()
         }
-        return cls(heading=heading, text=text, **options)
+        if heading.kind in ("bender", "recording"):
+            return cls(heading=heading, text=text, tables=options, **options)
+        return cls(heading=heading, text=text, tables=options, ask=options["ask"])
 
 
 def names() -> list[str]:
