@@ -46,9 +46,13 @@ class Relaxation:
 
 @dataclass(frozen=True, kw_only=True)
 class AccumulatorBench:
-    """An accumulator of Table 3.3 on the cylinder; its rest volume is assumed."""
+    """An accumulator on the cylinder: of Table 3.3, or of `coefficients` c1 .. cn, as a fit writes them.
+
+    The rest volume is assumed.
+    """
 
     actuator: str = "Act 1"
+    coefficients: tuple[float, ...] = option((), unit="Pa")
     rest_volume: float = option(20 * ML, unit="m^3", least=1e-9)
 
 
@@ -131,7 +135,8 @@ def accumulator(drive: Sine, servo: Servo, accumulator: AccumulatorBench, sensor
     """Run a volume sine on an accumulator: drive, volume (and its ratio), stroke, pressure."""
     from data.table import table
 
-    coefficients = [table("3.3").value(accumulator.actuator, f"c{n}") for n in (1, 2, 3, 4)]
+    published = [table("3.3").value(accumulator.actuator, f"c{n}") for n in (1, 2, 3, 4)]
+    coefficients = accumulator.coefficients or published
     motion = move(servo, drive, sensors.rate)
     x = motion.volume_m3 / accumulator.rest_volume
     pressure = np.polynomial.polynomial.polyval(x, [0.0, *coefficients])

@@ -64,7 +64,7 @@ def fit_accumulator(
         order=order,
         rising=_rising(coefficients, float(x.min()), float(x.max())),
         range=(float(ratio.min()), float(ratio.max())),
-        rmse_pa=float(residuals[order - 1]) / np.sqrt(len(x)),
+        rmse_pa=float(residuals[order - 1] / np.sqrt(len(x))),
         residuals=residuals,
         conditions=conditions,
     )

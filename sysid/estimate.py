@@ -93,7 +93,7 @@ def estimate(reduction: Reduction, selection: Selection, mask: int, options: Boo
         high=high,
         inclusion={rule: picks[index] / chosen.resamples for index, rule in enumerate(RULES)},
         rmse=rmse,
-        root_sum_square=rmse * np.sqrt(len(reduction)),
+        root_sum_square=float(rmse * np.sqrt(len(reduction))),
         fit_percent=100 * (1 - rmse / spread) if spread > 0 else float("nan"),
         condition=condition,
         samples=len(reduction),

@@ -121,7 +121,7 @@ def choose_half(value: Array, method: str = DEFAULT) -> tuple[int, float]:
 
     The rule: the spectrum's top quarter is noise, N. For each width the second derivative's
     expected square error is the sum over frequencies of (g - g0)^2 S + g^2 N, where g is the
-    method's gain, g0 = -w^2 the exact one, and S what stands at least 30 % above the noise. Of
+    method's gain, g0 = -w^2 the exact one, and S what stands out of the noise's scatter. Of
     the widths whose error is at most half as large again as the least the narrowest is taken: noise in an
     acceleration is known and averages out, a gain that is too small is neither.
     """
@@ -130,7 +130,8 @@ def choose_half(value: Array, method: str = DEFAULT) -> tuple[int, float]:
     size = min(SEGMENT, len(value))
     power = np.asarray(welch(value, nperseg=size, detrend="linear")[1])
     noise = float(np.median(power[3 * len(power) // 4 :]))
-    signal = np.where(power > 1.3 * noise, power - noise, 0.0)
+    stands_out = 1 + 5 / np.sqrt(2 * len(value) / size)  # five deviations of the averaged spectrum
+    signal = np.where(power > stands_out * noise, power - noise, 0.0)
     exact = -(np.linspace(0, np.pi, len(power)) ** 2)
     halves = [half for half in HALVES if LEAST[method] <= half <= len(value) // 4] or [LEAST[method]]
     risk = np.array([_risk(_gains(method, half, len(power)), exact, signal, noise) for half in halves])

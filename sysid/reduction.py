@@ -39,7 +39,7 @@ class Reduction:
     @property
     def response_deviation(self) -> float:
         """The root mean square of y - mean(y)."""
-        return float(np.linalg.norm(self.total[1:, -1])) / np.sqrt(len(self))
+        return float(np.linalg.norm(self.total[1:, -1]) / np.sqrt(len(self)))
 
     @property
     def condition(self) -> float:
@@ -54,7 +54,7 @@ class Reduction:
 
     def rmse(self, constant: float, weights: Array) -> float:
         """Return the root mean square of w0 + X w - y over all rows."""
-        return float(np.linalg.norm(self.total @ np.concatenate([[constant], weights, [-1.0]]))) / np.sqrt(len(self))
+        return float(np.linalg.norm(self.total @ np.concatenate([[constant], weights, [-1.0]])) / np.sqrt(len(self)))
 
 
 def reduce_rows(terms: tuple[str, ...], columns: Array, response: Array, unit_rows: int | None = None) -> Reduction:

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 MOST_TERMS = 16
-RANK_TOLERANCE = 1e-11
+RANK_TOLERANCE = 1e-8  # the root of rounding: a smaller one lets weights grow until they round worse than this
 FLOOR = 1e-13  # an error this small, relative to the response, is rounding
 RULES = ("1 %", "AICc", "BIC")
 
@@ -153,8 +153,8 @@ class Selection:
 def select(reduction: Reduction, *, constant_free: bool = True) -> Selection:
     """Return the non-negative optimum of every subset of the reduction's terms (thesis eq. 3.30).
 
-    Exact to rounding: the optimality conditions hold for every subset. Terms that are collinear
-    to 1e-11 never stand in one optimum together, one of them does. Raises BadInput for no or more
+    The optimality conditions hold for every subset, to rounding; to 1e-8 where terms are collinear. Terms that are collinear
+    to 1e-8 never stand in one optimum together, one of them does. Raises BadInput for no or more
     than 16 terms.
     """
     terms, total = reduction.terms, reduction.total

@@ -13,6 +13,12 @@ from typing import Any, NoReturn
 from data.errors import BadInput, CatheterError, RecordingCut
 
 
+REPORTS = (
+    *("regression", "hysteresis", "recordings", "damage"),
+    *("derivatives", "selection", "identification", "sysid-recordings", "sysid-stability"),
+)
+
+
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         raise BadInput(self.prog, message, f"see {self.prog} --help")
@@ -57,12 +63,26 @@ def parser() -> argparse.ArgumentParser:
     importer.add_argument("--list", action="store_true", help="list the shipped mappings")
 
     record = command("record", "simulate a scene and record it, marked as simulated")
-    record.add_argument("scene", help="a shipped scene (bender), or a .toml file")
+    record.add_argument("scene", help="a shipped scene (such as bender or chirp), or a .toml file")
     record.add_argument("--out", metavar="FILE.mcap", required=True, help="the recording to write")
     record.add_argument("--force", action="store_true", help="overwrite the output")
 
+    fit = command("fit", "identify a model from a recording, with its uncertainty, as a small TOML")
+    fit.add_argument("recording", help="an MCAP file")
+    models = ("bender", "accumulator", "valve", "cracking", "hysteresis")
+    fit.add_argument("--model", required=True, choices=models, help="what was recorded")
+    fit.add_argument("--out", metavar="FIT.toml", help="write the fit; scenes include it")
+    fit.add_argument("--force", action="store_true", help="overwrite the output")
+    fit.add_argument("--response", default="", metavar="TOPIC", help="bender, hysteresis: the signal that is modelled")
+    fit.add_argument("--input", default="", metavar="TOPIC", help="bender, hysteresis: the signal it answers to")
+    fit.add_argument("--rule", choices=("1 %", "AICc", "BIC"), default="1 %", help="bender: what picks the terms")
+    fit.add_argument("--resamples", type=int, default=400, help="bender: block-bootstrap resamples (default 400)")
+    fit.add_argument("--validate", metavar="FILE.mcap", help="bender: judge the model on this recording too")
+    fit.add_argument("--rest-volume", metavar="VOLUME", help="accumulator: such as '20 mL'")
+    fit.add_argument("--target", metavar="K", help="valve: the coefficient wanted, '3.05e-7 m^3 Pa^-0.5 s^-1'")
+
     report = command("report", "error against run time, as CSV, table and picture")
-    report.add_argument("name", choices=("regression", "hysteresis", "recordings", "damage"), help="which report")
+    report.add_argument("name", choices=REPORTS, help="which report")
     report.add_argument("--recording", metavar="FILE.mcap", help="for hysteresis: judge on this recording")
     report.add_argument("--out", metavar="FOLDER", default="out", help="the folder to write to (default: out)")
     report.add_argument("--force", action="store_true", help="overwrite an earlier report")
@@ -107,11 +127,12 @@ def _explain(error: BaseException) -> tuple[str, int]:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from catheter.lab import commands
+    from catheter.lab import commands, fit_commands
 
+    module = fit_commands if options.command == "fit" else commands
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RecordingCut)
-        outcome = getattr(commands, f"{options.command}_")(options)
+        outcome = getattr(module, f"{options.command}_")(options)
     if options.json:
         print(json.dumps(_plain(outcome.values), indent=1, allow_nan=False))
     else:

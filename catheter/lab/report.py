@@ -209,9 +209,23 @@ def damage(*, quick: bool, recording: str | None, progress: Progress) -> Report:
     )
 
 
+def _sysid(name: str) -> Callable[..., Report]:
+    def build(*, quick: bool, recording: str | None, progress: Progress) -> Report:
+        from catheter.lab.sysid_study import REPORTS as ours
+
+        if name != "sysid-recordings":
+            _refuse(recording, name)
+        return ours[name](quick=quick, recording=recording, progress=progress)
+
+    return build
+
+
+SYSID = ("derivatives", "selection", "identification", "sysid-recordings", "sysid-stability")
+
 REPORTS: dict[str, Callable[..., Report]] = {
     "regression": regression,
     "hysteresis": hysteresis,
     "recordings": recordings,
     "damage": damage,
+    **{name: _sysid(name) for name in SYSID},
 }

@@ -10,7 +10,7 @@ from catheter.bench import Bench, Noise, Plant, Schedule
 from catheter.bench_runs import AccumulatorBench, ConeValve, PressureRamp, Relaxation, Sensors, ValveBench
 from data.ask import Ask
 from data.errors import BadInput, nearest
-from data.options import find_toml, load_toml, option, parse_toml, read, shipped_names
+from data.options import find_toml, load_toml, option, parse_toml, read, shipped_names, to_toml
 from sysid.excitation import Chirp, Ramp, Sine, Staircase, Steps
 
 FOLDER = Path(__file__).parents[2] / "data" / "scenes"
@@ -64,7 +64,8 @@ class Scene:
         Raises BadInput naming file, table and key of whatever is unknown or impossible in it.
         """
         path = find_toml(name, FOLDER, "scene")
-        return cls.parse(load_toml(path)[1], str(path))
+        tables, text = load_toml(path)
+        return cls.parse(_included(tables, path) if "include" in tables else text, str(path))
 
     @classmethod
     def parse(cls, text: str, place: str) -> "Scene":
@@ -81,6 +82,25 @@ class Scene:
         if heading.kind in ("bender", "recording"):
             return cls(heading=heading, text=text, tables=options, **options)
         return cls(heading=heading, text=text, tables=options, ask=options["ask"])
+
+
+def _included(tables: dict[str, Any], path: Path) -> str:
+    """Return the text of a scene with the tables of the fits it includes; the scene's own keys win.
+
+    A fit's `[fit]` table, which says what it was made from, is left out.
+    """
+    files = tables.pop("include")
+    if not isinstance(files, list) or not all(isinstance(one, str) for one in files):
+        raise BadInput(f"{path}, include", f"is {files!r:.60}", "expected a list of .toml files")
+    merged: dict[str, Any] = {}
+    for one in files:
+        for name, table in load_toml(path.parent / one)[0].items():
+            if not isinstance(table, dict):
+                raise BadInput(f"{path.parent / one}, {name}", f"is {table!r:.60}", "a fit has tables only")
+            merged[name] = merged.get(name, {}) | table
+    merged.pop("fit", None)
+    own = {name: merged.pop(name, {}) | table if isinstance(table, dict) else table for name, table in tables.items()}
+    return to_toml(own | merged)
 
 
 def names() -> list[str]:
