@@ -29,7 +29,8 @@ class Servo:
     """The actuator's limits, as the piston's: assumed so that a 5 Hz chirp moves about a millilitre.
 
     full: the command that asks for all. bandwidth: of small commands for a place. lag: of the
-    speed. rise: of the force, so of the acceleration. speed, acceleration: the most it does. step: of
+    speed. rise: of the force, so of the acceleration. speed: the most it aims at (turns overshoot it by an
+    eighth, for the force lags). acceleration: the most it does. step: of
     the integration, which is first order.
     """
 

@@ -25,7 +25,7 @@ class Bootstrap:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """One chosen model: its constant first, then its positive terms; arrays are (p+1,) unless said.
+    """One chosen model: its constant first, then its terms; arrays are (p+1,) unless said.
 
     standard_errors hold for white residuals; low and high are percentiles over block-bootstrap
     resamples, which allow for residuals that are alike for up to a block. inclusion: for each
@@ -120,7 +120,9 @@ def _resampled(reduction: Reduction, selection: Selection, mask: int, options: B
         stack = np.sqrt(counts[drawn])[:, None, None] * reduction.triangles[drawn]
         rows = np.array([int(counts @ reduction.rows)])
         again = select(
-            Reduction(reduction.terms, _triangle(stack)[None], rows), constant_free=selection.constant_free
+            Reduction(reduction.terms, _triangle(stack)[None], rows),
+            constant_free=selection.constant_free,
+            signed=selection.signed,
         )
         values.append(_values(again, mask, mask))
         for index, rule in enumerate(RULES):

@@ -19,14 +19,21 @@ Array = NDArray[np.float64]
 TERMS = tuple(f"{name}{power}" for name in ("x", "xd", "xdd") for power in ("^3", "^2", ""))
 
 
+MOST_ROWS = 1 << 15  # of a stream, worked on at a time
+
+
 @dataclass(frozen=True, kw_only=True)
 class Identify:
-    """How a model is identified: the rule that chooses, the derivatives' method, the constant's sign."""
+    """How a model is identified: the rule that chooses, the derivatives' method, the weights' signs.
+
+    The thesis's weights are not negative. constant_free: the constant may be; signed: all may be.
+    """
 
     rule: str = option("1 %", choices=RULES)
     derivative: str = option(DEFAULT, choices=tuple(METHODS))
     half: int = option(0, least=0, most=10_000)  # 0: chosen by the noise, see `choose_half`
     constant_free: bool = True
+    signed: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +86,7 @@ def identify(
     used = np.flatnonzero(moved.known & np.isfinite(y))
     columns, response = columns_of(moved)[used], y[used]
     reduction = reduce_rows(TERMS, columns, response)
-    selection = select(reduction, constant_free=chosen.constant_free)
+    selection = select(reduction, constant_free=chosen.constant_free, signed=chosen.signed)
     mask = selection.choose(chosen.rule)
     seconds = time.perf_counter() - begun
     residual = response - selection.constants[mask] - columns @ selection.weights[mask]
@@ -106,7 +113,7 @@ def held_out(reduction: Reduction, options: Identify, fitted: NDArray[np.bool_])
     seen, unseen = reduction.part(fitted), reduction.part(~fitted)
     if len(seen) <= len(reduction.terms) + 1 or not len(unseen):
         return float("nan")
-    selection = select(seen, constant_free=options.constant_free)
+    selection = select(seen, constant_free=options.constant_free, signed=options.signed)
     mask = selection.choose(options.rule)
     return unseen.rmse(float(selection.constants[mask]), selection.weights[mask])
 
@@ -132,8 +139,8 @@ def reduce_stream(pieces: Iterable[tuple[Array, Array, Array]], options: Identif
 def _streamed(pieces: Iterable[tuple[Array, Array, Array]], options: Identify) -> Iterator[tuple[Array, Array]]:
     kept = np.empty((3, 0))
     half, done = options.half, -np.inf
-    for piece in pieces:
-        rows = np.concatenate([kept, np.stack(piece)], axis=1)
+    for piece in _short(pieces):
+        rows = np.concatenate([kept, piece], axis=1)
         if not half:
             sound = rows[1][np.isfinite(rows[1])]
             half = choose_half(sound, options.derivative)[0]
@@ -146,3 +153,9 @@ def _streamed(pieces: Iterable[tuple[Array, Array, Array]], options: Identify) -
             done = float(rows[0][new][-1])
             yield columns_of(moved)[new], rows[2][new]
         kept = rows[:, -4 * half :]
+
+
+def _short(pieces: Iterable[tuple[Array, Array, Array]]) -> Iterator[Array]:
+    for piece in pieces:
+        for first in range(0, len(piece[0]), MOST_ROWS):
+            yield np.stack([one[first : first + MOST_ROWS] for one in piece])

@@ -47,7 +47,7 @@ class Motion:
         return np.isfinite(self.position) & np.isfinite(self.velocity) & np.isfinite(self.acceleration)
 
 
-def _savitzky_golay(value: Array, step_s: float, half: int, noise: float) -> tuple[Array, Array, Array]:
+def _savitzky_golay(value: Array, step_s: float, half: int) -> tuple[Array, Array, Array]:
     from scipy.signal import savgol_filter
 
     found = [savgol_filter(value, 2 * half + 1, ORDER, deriv=d, delta=step_s) for d in range(3)]
@@ -56,7 +56,7 @@ def _savitzky_golay(value: Array, step_s: float, half: int, noise: float) -> tup
     return found[0], found[1], found[2]
 
 
-def _noise_robust(value: Array, step_s: float, half: int, noise: float) -> tuple[Array, Array, Array]:
+def _noise_robust(value: Array, step_s: float, half: int) -> tuple[Array, Array, Array]:
     time_s = step_s * np.arange(len(value))
     velocity = noise_robust_derivative(time_s, value, half)
     acceleration = noise_robust_derivative(time_s, velocity, half)
@@ -65,23 +65,19 @@ def _noise_robust(value: Array, step_s: float, half: int, noise: float) -> tuple
     return value.copy(), velocity, acceleration
 
 
-def _kalman(value: Array, step_s: float, half: int, noise: float) -> tuple[Array, Array, Array]:
+def _kalman(value: Array, step_s: float, half: int) -> tuple[Array, Array, Array]:
     from filterpy.kalman import KalmanFilter
 
+    # Time counts in samples and variance in the noise's own: only their ratio, the corner, matters.
     model = KalmanFilter(dim_x=3, dim_z=1)
-    h, corner = step_s, np.pi / (half * step_s)
-    variance = max(noise, 1e-12 * float(np.ptp(value)) + 1e-300) ** 2
-    model.F = np.array([[1, h, h * h / 2], [0, 1, h], [0, 0, 1]])
+    model.F = np.array([[1, 1, 0.5], [0, 1, 1], [0, 0, 1]])
     model.H = np.array([[1.0, 0.0, 0.0]])
-    model.R = np.array([[variance]])
-    jerk = variance * h * corner**6
-    model.Q = jerk * np.array(
-        [[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]]
-    )
+    model.R = np.array([[1.0]])
+    model.Q = (np.pi / half) ** 6 * np.array([[1 / 20, 1 / 8, 1 / 6], [1 / 8, 1 / 3, 1 / 2], [1 / 6, 1 / 2, 1]])
     model.x = np.array([[value[0]], [0.0], [0.0]])
-    model.P = np.diag([variance, (np.ptp(value) / h) ** 2 + 1e-300, (np.ptp(value) / h**2) ** 2 + 1e-300])
+    model.P = np.diag([1.0, 1e4, 1e4])
     means, covariances, _, _ = model.batch_filter(value)
-    smooth = model.rts_smoother(means, covariances)[0][:, :, 0]
+    smooth = model.rts_smoother(means, covariances)[0][:, :, 0] / [1, step_s, step_s**2]
     return smooth[:, 0].copy(), smooth[:, 1].copy(), smooth[:, 2].copy()
 
 
@@ -101,7 +97,7 @@ def _kalman_gain(half: int, phase: Array) -> Array:
     return np.asarray(-(phase**2) / (1 + (phase * half / np.pi) ** 6))
 
 
-_Solve = Callable[[Array, float, int, float], tuple[Array, Array, Array]]
+_Solve = Callable[[Array, float, int], tuple[Array, Array, Array]]
 METHODS: dict[str, tuple[_Solve, Callable[[int, Array], Array]]] = {
     "Savitzky-Golay": (_savitzky_golay, _savitzky_golay_gain),
     "noise-robust": (_noise_robust, _noise_robust_gain),
@@ -168,7 +164,7 @@ def motion(time_s: Array, value: Array, method: str = DEFAULT, half: int | None 
     short = 0
     for stretch in stretches:
         if len(stretch) > 4 * width:
-            out[:, stretch] = _stretch(time_s[stretch], value[stretch], method, width, noise)
+            out[:, stretch] = _stretch(time_s[stretch], value[stretch], method, width)
         else:
             short += len(stretch)
     notes += [f"{short} samples in stretches too short for a half-width of {width}"] if short else []
@@ -204,9 +200,9 @@ def _even(time_s: Array, value: Array) -> tuple[Array, float, Array | None]:
     return np.asarray(CubicSpline(time_s, value)(even_s)), float(step), even_s
 
 
-def _stretch(time_s: Array, value: Array, method: str, half: int, noise: float) -> Array:
+def _stretch(time_s: Array, value: Array, method: str, half: int) -> Array:
     even, step_s, even_s = _even(time_s, value)
-    found = METHODS[method][0](even, step_s, half, noise)
+    found = METHODS[method][0](even, step_s, half)
     if even_s is None:
         return np.array(found)
     return np.array([np.interp(time_s, even_s, one) for one in found])

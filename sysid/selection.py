@@ -25,7 +25,7 @@ RULES = ("1 %", "AICc", "BIC")
 
 
 @njit(cache=True)
-def _plain(matrix: Array, target: Array, tolerance: float, weights: Array, squares: Array) -> None:
+def _plain(matrix: Array, target: Array, tolerance: float, signed: bool, weights: Array, squares: Array) -> None:
     """Least squares of every subset (its bits): Gram-Schmidt, each column orthogonalised twice."""
     height, width = matrix.shape
     basis, upper = np.empty((width, height)), np.zeros((width, width))
@@ -63,7 +63,7 @@ def _plain(matrix: Array, target: Array, tolerance: float, weights: Array, squar
             for m in range(j + 1, size):
                 value -= upper[j, m] * weights[mask, chosen[m]]
             weights[mask, chosen[j]] = value / upper[j, j]
-            if value < 0:
+            if value < 0 and not signed:
                 squares[mask] = np.inf
 
 
@@ -84,12 +84,13 @@ class Selection:
 
     weights (2^k, k) and constants (2^k,): in the response's unit over the terms'. rmse (2^k,):
     root mean square of the residual. constant_free: whether the constant may be negative; it is
-    in every subset either way.
+    in every subset either way. signed: whether all weights may be.
     """
 
     terms: tuple[str, ...]
     samples: int
     constant_free: bool
+    signed: bool
     weights: Array
     constants: Array
     rmse: Array
@@ -118,13 +119,13 @@ class Selection:
         return tuple(name for bit, name in enumerate(self.terms) if (mask >> bit) & 1)
 
     def support(self, mask: int) -> int:
-        """Return the terms of a subset whose weights are positive."""
-        return sum(1 << bit for bit, weight in enumerate(self.weights[mask]) if weight > 0)
+        """Return the terms of a subset whose weights are not zero."""
+        return sum(1 << bit for bit, weight in enumerate(self.weights[mask]) if weight != 0)
 
     def information(self, rule: str) -> Array:
-        """Return AICc or BIC of every subset, (2^k,): its positive terms, constant and variance counted."""
+        """Return AICc or BIC of every subset, (2^k,): its terms, constant and variance counted."""
         n, floor = self.samples, FLOOR * max(self.response_deviation, 1e-300)
-        count = 2.0 + (self.weights > 0).sum(axis=1)
+        count = 2.0 + (self.weights != 0).sum(axis=1)
         fit = 2 * n * np.log(np.maximum(self.rmse, floor))
         if rule == "BIC":
             return np.asarray(fit + count * np.log(n))
@@ -150,17 +151,17 @@ class Selection:
         return self.support(int(self.best[size]))
 
 
-def select(reduction: Reduction, *, constant_free: bool = True) -> Selection:
+def select(reduction: Reduction, *, constant_free: bool = True, signed: bool = False) -> Selection:
     """Return the non-negative optimum of every subset of the reduction's terms (thesis eq. 3.30).
 
     The optimality conditions hold for every subset, to rounding; to 1e-8 where terms are collinear. Terms that are collinear
-    to 1e-8 never stand in one optimum together, one of them does. Raises BadInput for no or more
-    than 16 terms.
+    to 1e-8 never stand in one optimum together, one of them does. signed: plain least squares of every
+    subset instead. Raises BadInput for no or more than 16 terms.
     """
     terms, total = reduction.terms, reduction.total
     if not 1 <= len(terms) <= MOST_TERMS:
         raise BadInput("selection", f"{len(terms)} terms", f"expected 1 to {MOST_TERMS}: all subsets are solved")
-    if constant_free:  # the first row is the constant's own: without it, it is projected out
+    if constant_free or signed:  # the first row is the constant's own: without it, it is projected out
         matrix, target = total[1:, 1:-1], total[1:, -1]
         reach = _lengths(total[:, 1:-1])
     else:
@@ -169,23 +170,23 @@ def select(reduction: Reduction, *, constant_free: bool = True) -> Selection:
     length = np.asarray(np.linalg.norm(matrix, axis=0))
     dead = length <= RANK_TOLERANCE * reach  # nothing but the constant
     scaled = np.where(dead, 0.0, matrix / np.where(dead, 1.0, length))
-    weights, rmse = _all(scaled, target)
+    weights, rmse = _all(scaled, target, signed)
     weights = weights / np.where(dead, 1.0, length)
-    if constant_free:
+    if constant_free or signed:
         constants = (total[0, -1] - weights @ total[0, 1:-1]) / total[0, 0]
     else:
         half = len(weights) // 2  # the upper half of the subsets holds the constant, the last column
         weights, constants, rmse = weights[half:, :-1], weights[half:, -1], rmse[half:]
     return Selection(
-        terms, len(reduction), constant_free, weights, constants,
+        terms, len(reduction), constant_free or signed, signed, weights, constants,
         rmse / np.sqrt(len(reduction)), reduction.response_deviation,
     )  # fmt: skip
 
 
-def _all(scaled: Array, target: Array) -> tuple[Array, Array]:
+def _all(scaled: Array, target: Array, signed: bool) -> tuple[Array, Array]:
     width = scaled.shape[1]
     weights, squares = np.zeros((1 << width, width)), np.empty(1 << width)
-    _plain(np.ascontiguousarray(scaled), np.ascontiguousarray(target), RANK_TOLERANCE, weights, squares)
+    _plain(np.ascontiguousarray(scaled), np.ascontiguousarray(target), RANK_TOLERANCE, signed, weights, squares)
     best = np.empty(1 << width, np.int64)
     _inside(squares, width, best)
     return weights[best], np.sqrt(squares[best])

@@ -76,6 +76,7 @@ def parser() -> argparse.ArgumentParser:
     fit.add_argument("--response", default="", metavar="TOPIC", help="bender, hysteresis: the signal that is modelled")
     fit.add_argument("--input", default="", metavar="TOPIC", help="bender, hysteresis: the signal it answers to")
     fit.add_argument("--rule", choices=("1 %", "AICc", "BIC"), default="1 %", help="bender: what picks the terms")
+    fit.add_argument("--signed", action="store_true", help="bender: weights of any sign (default: none negative)")
     fit.add_argument("--resamples", type=int, default=400, help="bender: block-bootstrap resamples (default 400)")
     fit.add_argument("--validate", metavar="FILE.mcap", help="bender: judge the model on this recording too")
     fit.add_argument("--rest-volume", metavar="VOLUME", help="accumulator: such as '20 mL'")

@@ -71,7 +71,7 @@ def bender(recording: Recording, options: argparse.Namespace) -> Fitted:
     ask = replay.ask
     if not (ask.response and ask.input):
         raise BadInput(recording.path, "has no response and input", "name them with --response and --input")
-    rule = Identify(rule=options.rule)
+    rule = Identify(rule=options.rule, signed=options.signed)
     largest = max(channel.messages for channel in recording.channels.values())
     if largest > MOST_ROWS:
         return _streamed(recording, ask.response, ask.input, rule)
@@ -115,6 +115,7 @@ def _bender_values(found: "Identification") -> dict[str, Any]:
     return {
         "rule": found.options.rule,
         "constant_free": selection.constant_free,
+        "signed": selection.signed,
         "choices": found.choices,
         "weights": weights,
         "rmse": chosen.rmse,
@@ -148,7 +149,7 @@ def _bender_parts(found: "Identification", what: str, percent: Array) -> Iterato
         )
     ]  # fmt: skip
     header = ["term", "weight", "std. error", f"{level} block bootstrap", "included", "dropped: error"]
-    yield table(header, rows, f"{what}; weights >= 0, constant {'free' if selection.constant_free else '>= 0'}")
+    yield table(header, rows, f"{what}; weights {'of any sign' if selection.signed else '>= 0, constant free'}")
     sizes = [[str(n), " ".join(selection.names(int(m))) or "constant only", f"{selection.rmse[m]:.5g}"]
              for n, m in enumerate(selection.best)]  # fmt: skip
     yield table(["terms", "best of all subsets of this size", "RMSE"], sizes, words=2)
@@ -202,7 +203,7 @@ def _validate(found: "Identification", path: Path, response: str, named: str, in
         kind = other.kind
     selection, mask = found.selection, found.mask
     rmse = reduction.rmse(float(selection.constants[mask]), selection.weights[mask])
-    there = select(reduction)
+    there = select(reduction, signed=selection.signed)
     best = float(there.rmse[there.best[len(found.chosen.names) - 1]])
     fit = 100 * (1 - rmse / reduction.response_deviation)
     return {"recording": str(path), "kind": kind, "rmse": rmse, "fit_percent": fit, "best_rmse": best}
@@ -223,7 +224,7 @@ def _streamed(recording: Recording, response: str, named: str, options: Any) -> 
                 yield y.time_s, x.at(y.time_s) / (ML if x.unit == "m^3" else 1.0), y.value
 
     reduction = reduce_stream(pieces(), options)
-    selection = select(reduction)
+    selection = select(reduction, signed=options.signed)
     found = estimate(reduction, selection, selection.choose(options.rule))
     rows = [[n, f"{v:.5g}", f"{e:.2g}"] for n, v, e in zip(found.names, found.values, found.standard_errors, strict=True)]
     values = {
