@@ -7,7 +7,6 @@ assumed; the thesis prints bore, stroke and sampling only.
 
 import math
 from dataclasses import dataclass
-
 from functools import cache
 from typing import Any
 
@@ -64,7 +63,8 @@ class Motion:
         return Motion(*(column[:samples] for column in columns))
 
 
-def _drive(command: Array, smooth: bool, by_speed: bool, substeps: int, limits: Array, out: Array) -> None:
+def _drive(command: Array, modes: tuple[bool, bool], substeps: int, limits: Array, out: Array) -> None:
+    smooth, by_speed = modes
     step, gain, lag, rise, fastest, strongest, stroke = limits
     place = 0.0 if by_speed else command[0]
     speed = push = 0.0
@@ -112,5 +112,5 @@ def move(servo: Servo, excitation: Excitation, rate_hz: float) -> Motion:
     gain = 2 * math.pi * servo.bandwidth
     limits = np.array([step, gain, servo.lag, servo.rise, servo.speed, servo.acceleration, STROKE_M])
     out = np.empty((len(time_s), 3))
-    _compiled()(command, chirp or isinstance(excitation, Sine), by_speed, substeps, limits, out)
+    _compiled()(command, (chirp or isinstance(excitation, Sine), by_speed), substeps, limits, out)
     return Motion(time_s, volts, *out.T)

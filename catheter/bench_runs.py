@@ -95,7 +95,9 @@ class BenchRun:
     truth: Mapping[str, str] = field(default_factory=dict)
 
 
-def bender(drive: Chirp | Ramp | Staircase, servo: Servo, plant: Plant, relaxation: Relaxation, sensors: Sensors) -> BenchRun:
+def bender(
+    drive: Chirp | Ramp | Staircase, servo: Servo, plant: Plant, relaxation: Relaxation, sensors: Sensors
+) -> BenchRun:
     """Run a bender on the cylinder: drive, volume, stroke, pressure and force.
 
     A ramp ends when the pressure reaches the plant's full pressure (thesis: 101.3 kPa).

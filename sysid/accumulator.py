@@ -1,5 +1,6 @@
 """Pressure of an accumulator over its volume: a polynomial whose order the data choose."""
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +31,7 @@ class AccumulatorFit:
 
     def pressure_pa(self, ratio: Array) -> Array:
         """Return P at volume ratios V, (n,) [Pa]."""
-        return np.polynomial.polynomial.polyval(ratio - 1, np.concatenate([[0.0], self.coefficients]))
+        return np.asarray(np.polynomial.polynomial.polyval(ratio - 1, np.concatenate([[0.0], self.coefficients])))
 
 
 def fit_accumulator(
@@ -98,7 +99,9 @@ def _order(residuals: Array, size: float, threshold: float) -> int:
             return order
     fall = 1 - residuals[-1] / residuals[-2]
     found = f"order {len(residuals)} still lowers the residual by {100 * fall:.1f} %"
-    raise BadInput("accumulator", found, f"expected less than {100 * threshold:g} %; measure more evenly, or allow more")
+    raise BadInput(
+        "accumulator", found, f"expected less than {100 * threshold:g} %; measure more evenly, or allow more"
+    )
 
 
 def _rising(coefficients: Array, low: float, high: float) -> tuple[float, float]:
@@ -107,7 +110,7 @@ def _rising(coefficients: Array, low: float, high: float) -> tuple[float, float]
     roots = slope.roots()
     real = np.sort(roots[np.abs(roots.imag) < 1e-9 * (1 + np.abs(roots))].real)
     edges = np.concatenate([[low], real[(real > low) & (real < high)], [high]])
-    pieces = [(b - a, a, b) for a, b in zip(edges, edges[1:], strict=False) if slope((a + b) / 2) > 0]
+    pieces = [(b - a, a, b) for a, b in itertools.pairwise(edges) if slope((a + b) / 2) > 0]
     if not pieces:
         return float("nan"), float("nan")
     _, first, last = max(pieces)

@@ -157,7 +157,7 @@ def dropped(selection: Selection, columns: Array, response: Array) -> tuple[Arra
 
     def cumulative(mask: int) -> Array:
         error = response - selection.constants[mask] - columns @ selection.weights[mask]
-        return np.sqrt(np.cumsum(error**2))
+        return np.asarray(np.sqrt(np.cumsum(error**2)))
 
     whole = cumulative(full)
     differences = np.stack([cumulative(full ^ (1 << bit)) - whole for bit in range(len(selection.terms))], axis=1)

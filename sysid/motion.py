@@ -50,14 +50,14 @@ class Motion:
 def _savitzky_golay(value: Array, step_s: float, half: int) -> tuple[Array, Array, Array]:
     from scipy.signal import savgol_filter
 
-    found = [savgol_filter(value, 2 * half + 1, ORDER, deriv=d, delta=step_s) for d in range(3)]
+    found = [np.asarray(savgol_filter(value, 2 * half + 1, ORDER, deriv=d, delta=step_s), np.float64) for d in range(3)]
     for one in found:  # at the ends the polynomial is extrapolated, and amplifies the noise a hundredfold
         one[:half] = one[-half:] = np.nan
     return found[0], found[1], found[2]
 
 
 def _noise_robust(value: Array, step_s: float, half: int) -> tuple[Array, Array, Array]:
-    time_s = step_s * np.arange(len(value))
+    time_s = np.asarray(step_s * np.arange(len(value)), dtype=np.float64)
     velocity = noise_robust_derivative(time_s, value, half)
     acceleration = noise_robust_derivative(time_s, velocity, half)
     velocity[:half] = velocity[-half:] = np.nan
@@ -121,10 +121,10 @@ def choose_half(value: Array, method: str = DEFAULT) -> tuple[int, float]:
     the widths whose error is at most half as large again as the least the narrowest is taken: noise in an
     acceleration is known and averages out, a gain that is too small is neither.
     """
-    from scipy.signal import welch
+    from scipy.signal import detrend, welch
 
     size = min(SEGMENT, len(value))
-    power = np.asarray(welch(value, nperseg=size, detrend="linear")[1])
+    power = np.asarray(welch(value, nperseg=size, detrend=detrend)[1])
     noise = float(np.median(power[3 * len(power) // 4 :]))
     stands_out = 1 + 5 / np.sqrt(2 * len(value) / size)  # five deviations of the averaged spectrum
     signal = np.where(power > stands_out * noise, power - noise, 0.0)
@@ -170,7 +170,7 @@ def motion(time_s: Array, value: Array, method: str = DEFAULT, half: int | None 
     notes += [f"{short} samples in stretches too short for a half-width of {width}"] if short else []
     if short == sum(map(len, stretches)):
         raise BadInput("derivative", notes[-1], "give a smaller half-width, or a longer recording")
-    return Motion(*out, method=method, half=width, noise=noise, notes=tuple(notes))
+    return Motion(out[0], out[1], out[2], method, width, noise, tuple(notes))
 
 
 def _stretches(time_s: Array, value: Array) -> tuple[list[NDArray[np.int64]], list[str]]:

@@ -1,5 +1,6 @@
 """Valves from bench recordings: the orifice coefficient K, and the pressure at which a valve cracks."""
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,6 +80,7 @@ def fit_orifice(
     place_m: Array,
     drop_pa: Array,
     command_v: Array,
+    *,
     area_m2: float,
     options: ValveProtocol | None = None,
 ) -> ValveFit:
@@ -93,8 +95,8 @@ def fit_orifice(
     drop = low_pass(drop_pa, rate_hz, chosen.cutoff, chosen.order)
     flows, roots = [], []
     for stroke in _strokes(command_v, chosen.half):
-        part = _settled(place[stroke], chosen.discard)
-        part = slice(part, len(place[stroke]) - chosen.half)  # the filter smears the next voltage into the end
+        settled = _settled(place[stroke], chosen.discard)
+        part = slice(settled, len(place[stroke]) - chosen.half)  # the filter smears the next voltage into the end
         if part.stop - part.start > 4 * chosen.half:
             q = area_m2 * noise_robust_derivative(time_s[stroke], place[stroke], chosen.half)[part]
             flows.append(q)
@@ -121,7 +123,7 @@ def _strokes(command_v: Array, half: int) -> list[slice]:
     """Return the stretches of one voltage that is not zero."""
     edges = np.flatnonzero(np.diff(command_v)) + 1
     bounds = np.concatenate([[0], edges, [len(command_v)]])
-    pieces = [slice(int(a), int(b)) for a, b in zip(bounds, bounds[1:], strict=False)]
+    pieces = [slice(int(a), int(b)) for a, b in itertools.pairwise(bounds)]
     return [piece for piece in pieces if command_v[piece.start] != 0 and piece.stop - piece.start > 8 * half]
 
 
@@ -133,7 +135,7 @@ def _settled(place: Array, discard: float) -> int:
 
 @dataclass(frozen=True)
 class Cracking:
-    """The pressure of the first flow [Pa], with an interval at `level`; direction "forward" or "reverse"."""
+    """The pressure of the first flow [Pa], with an interval at `level`; direction: "forward" or "reverse"."""
 
     pressure_pa: float
     low_pa: float
@@ -146,9 +148,9 @@ def fit_cracking(drop_pa: Array, flow_m3_s: Array, *, level: float = 0.95) -> li
     """Find the first flow in each direction of a slow ramp: pressure drop and flow, each (n,).
 
     Flow before: a constant (the sensor's zero). After pressure c: a jump and a straight line of
-    (p - c), not negative, and its square and cube for the curvature further on. The c of least squares on 400 means of neighbouring samples;
-    its interval is where the squares stay below the least times 1 + F(level; 1, m - 6) / (m - 6).
-    Raises BadInput for a ramp without flow, or without rest before it.
+    (p - c), not negative, and its square and cube for the curvature further on. The c of least
+    squares on 400 means of neighbouring samples; its interval is where the squares stay below the least times
+    1 + F(level; 1, m - 6) / (m - 6), with a bin either side. Raises BadInput for a ramp without flow, or without rest before it.
     """
     found = []
     for direction, sign in (("forward", 1.0), ("reverse", -1.0)):

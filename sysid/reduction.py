@@ -76,7 +76,7 @@ def reduce_blocks(
     found: list[Array] = []
     counts: list[NDArray[np.int64]] = []
     for block in _units(terms, blocks, unit_rows):
-        found.append(_padded(np.linalg.qr(block, mode="r")))
+        found.append(_padded(_qr(block)))
         counts.append(np.full(len(block), block.shape[1]))
         while sum(map(len, found)) > 2 * MOST_UNITS:
             triangles, rows = _merged(np.concatenate(found), np.concatenate(counts))
@@ -111,10 +111,14 @@ def _units(terms: tuple[str, ...], blocks: Iterable[tuple[Array, Array]], unit_r
 def _merged(triangles: Array, rows: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
     """Return every two neighbours as one."""
     pairs, size = len(triangles) // 2, triangles.shape[-1]
-    joined = _padded(np.linalg.qr(triangles[: 2 * pairs].reshape(pairs, 2 * size, size), mode="r"))
+    joined = _padded(_qr(triangles[: 2 * pairs].reshape(pairs, 2 * size, size)))
     odd = slice(2 * pairs, None)
     sums = rows[: 2 * pairs].reshape(pairs, 2).sum(axis=1)
     return np.concatenate([joined, triangles[odd]]), np.concatenate([sums, rows[odd]])
+
+
+def _qr(rows: Array) -> Array:
+    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def _padded(triangles: Array) -> Array:
@@ -129,9 +133,9 @@ def _triangle(stack: Array) -> Array:
     rows = stack.reshape(-1, size)
     whole = len(rows) // UNIT_ROWS
     if whole > 1:
-        first = np.linalg.qr(rows[: whole * UNIT_ROWS].reshape(whole, UNIT_ROWS, size), mode="r").reshape(-1, size)
+        first = _qr(rows[: whole * UNIT_ROWS].reshape(whole, UNIT_ROWS, size)).reshape(-1, size)
         rows = np.concatenate([first, rows[whole * UNIT_ROWS :]])
-    return _padded(np.linalg.qr(rows, mode="r")[None])[0]
+    return np.asarray(_padded(_qr(rows)[None])[0])
 
 
 def _lengths(columns: Array) -> Array:

@@ -1,5 +1,6 @@
 """Relaxation at constant input: how fast, and by how much, a response fades."""
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,7 +58,7 @@ def dwells(time_s: Array, x: Array, y: Array, *, still: float = 0.004, least_s: 
         return []
     bounds = np.concatenate([[0], _departs(x, still * span), [len(x)]])
     found = []
-    for first, last in zip(bounds, bounds[1:], strict=False):
+    for first, last in itertools.pairwise(bounds):
         settle = first + max(3, (last - first) // 20)
         if last - settle < 10 or time_s[last - 1] - time_s[settle] < least_s:
             continue

@@ -19,13 +19,14 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 MOST_TERMS = 16
-RANK_TOLERANCE = 1e-8  # the root of rounding: a smaller one lets weights grow until they round worse than this
+# The root of rounding: a smaller one lets weights grow until they round worse than this.
+RANK_TOLERANCE = 1e-8
 FLOOR = 1e-13  # an error this small, relative to the response, is rounding
 RULES = ("1 %", "AICc", "BIC")
 
 
 @njit(cache=True)
-def _plain(matrix: Array, target: Array, tolerance: float, signed: bool, weights: Array, squares: Array) -> None:
+def _plain(matrix: Array, target: Array, signed: bool, weights: Array, squares: Array) -> None:
     """Least squares of every subset (its bits): Gram-Schmidt, each column orthogonalised twice."""
     height, width = matrix.shape
     basis, upper = np.empty((width, height)), np.zeros((width, width))
@@ -47,7 +48,7 @@ def _plain(matrix: Array, target: Array, tolerance: float, signed: bool, weights
                     upper[j, size] += share
                     column -= share * basis[j]
             length = np.sqrt(np.dot(column, column))
-            if length <= tolerance:
+            if length <= RANK_TOLERANCE:
                 sound = False
                 break
             upper[size, size] = length
@@ -154,9 +155,9 @@ class Selection:
 def select(reduction: Reduction, *, constant_free: bool = True, signed: bool = False) -> Selection:
     """Return the non-negative optimum of every subset of the reduction's terms (thesis eq. 3.30).
 
-    The optimality conditions hold for every subset, to rounding; to 1e-8 where terms are collinear. Terms that are collinear
-    to 1e-8 never stand in one optimum together, one of them does. signed: plain least squares of every
-    subset instead. Raises BadInput for no or more than 16 terms.
+    The optimality conditions hold for every subset, to rounding; to 1e-8 where terms are
+    collinear: those never stand in one optimum together, one of them does. signed: plain least
+    squares of every subset instead. Raises BadInput for no or more than 16 terms.
     """
     terms, total = reduction.terms, reduction.total
     if not 1 <= len(terms) <= MOST_TERMS:
@@ -186,7 +187,7 @@ def select(reduction: Reduction, *, constant_free: bool = True, signed: bool = F
 def _all(scaled: Array, target: Array, signed: bool) -> tuple[Array, Array]:
     width = scaled.shape[1]
     weights, squares = np.zeros((1 << width, width)), np.empty(1 << width)
-    _plain(np.ascontiguousarray(scaled), np.ascontiguousarray(target), RANK_TOLERANCE, signed, weights, squares)
+    _plain(np.ascontiguousarray(scaled), np.ascontiguousarray(target), signed, weights, squares)
     best = np.empty(1 << width, np.int64)
     _inside(squares, width, best)
     return weights[best], np.sqrt(squares[best])

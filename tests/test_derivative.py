@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from catheter.lab.sysid_study import PUBLISHED, chirp_truth, noisy, polynomial_force
-
 from data.errors import BadInput
 from sysid.derivative import _weights, noise_robust_derivative
 from sysid.motion import DEFAULT, METHODS, choose_half, motion
@@ -55,7 +54,9 @@ def test_the_default_is_exact_for_polynomials_up_to_its_order() -> None:
     t = time_s[known]
     assert cubic.position[known] == pytest.approx(t**6 - t**3, abs=1e-9)
     assert cubic.velocity[known] == pytest.approx(6 * t**5 - 3 * t**2, abs=1e-7)
-    assert cubic.acceleration[known] == pytest.approx(30 * t**4 - 6 * t, abs=1e-4)  # rounding of scipy's weights, 1e-11, times 83 twice
+    assert cubic.acceleration[known] == pytest.approx(
+        30 * t**4 - 6 * t, abs=1e-4
+    )  # rounding of scipy's weights, 1e-11, times 83 twice
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -75,7 +75,7 @@ def test_the_piston_moves_its_stroke_slowly_and_about_a_millilitre_fast_within_i
         assert np.abs(run.speed_m_s).max() <= servo.speed * 1.15  # the force lags, so a turn overshoots
         assert np.abs(run.acceleration_m_s2).max() <= servo.acceleration * 1.01
     assert pytest.approx(5.720e-4, rel=1e-3) == AREA_M2
-    assert STROKE_M * AREA_M2 == pytest.approx(29.06 * ML, rel=1e-3)
+    assert pytest.approx(29.06 * ML, rel=1e-3) == STROKE_M * AREA_M2
 
 
 def test_halving_the_step_halves_the_error() -> None:

@@ -1,5 +1,6 @@
 """`catheter fit` on simulated recordings finds the truth in their metadata, and scenes read what it writes."""
 
+import itertools
 import json
 import resource
 import subprocess
@@ -21,10 +22,10 @@ from sysid.identify import TERMS, identify, reduce_stream
 from sysid.relaxation import dwells, fit_dwell
 from sysid.selection import select
 
-QUIET = '[relaxation]\nshare = 0.0\n[plant]\nslip_ml = []\nstiffness = []\npressure_stiffness = []\n'
+QUIET = "[relaxation]\nshare = 0.0\n[plant]\nslip_ml = []\nstiffness = []\npressure_stiffness = []\n"
 CHIRP = (
-    '[scene]\nkind = "chirp"\ntitle = "t"\n[drive]\nduration_s = "300 s"\nstart = "0.05 Hz"\n[sensors]\nvolume_db = 90.0\n'
-    '[ask]\nresponse = "/force"\ninput = "/volume"\n' + QUIET
+    '[scene]\nkind = "chirp"\ntitle = "t"\n[drive]\nduration_s = "300 s"\nstart = "0.05 Hz"\n[sensors]\n'
+    'volume_db = 90.0\n[ask]\nresponse = "/force"\ninput = "/volume"\n' + QUIET
 )
 
 
@@ -41,13 +42,17 @@ def fitted(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict:
 
 def test_the_bender_is_found_written_and_read_by_a_scene(tmp_path: Path, capsys) -> None:
     run, out = recorded(CHIRP, tmp_path), tmp_path / "fit.toml"
-    constrained = CHIRP.replace("[plant]\n", "[plant]\ncubic = 6.52e-4\nsquare = 0.0\ninertia = 0.0\nconstant = 2.42e-3\n")
+    constrained = CHIRP.replace(
+        "[plant]\n", "[plant]\ncubic = 6.52e-4\nsquare = 0.0\ninertia = 0.0\nconstant = 2.42e-3\n"
+    )
     other = recorded(constrained, tmp_path, "other")
     found = fitted(capsys, run, "--model", "bender", "--out", out, "--resamples", "30", "--validate", other)
     assert set(found["weights"]) == {"1", "x^3", "x^2", "xdd^2"}
     truth = {"1": 1.22e-2, "x^3": 7.88e-4, "x^2": 3.47e-3, "xdd^2": 4.73e-7}
     for name, value in truth.items():
-        assert abs(found["weights"][name]["value"] - value) < 5 * found["weights"][name]["standard_error"] + 0.05 * value
+        assert (
+            abs(found["weights"][name]["value"] - value) < 5 * found["weights"][name]["standard_error"] + 0.05 * value
+        )
     assert found["kind"] == "simulated"
     assert found["fit_percent"] > 98
     assert found["validation"]["rmse"] > 10 * found["validation"]["best_rmse"]  # the loadings are not the same model
@@ -132,7 +137,7 @@ def test_a_stream_answers_like_the_whole() -> None:
 
     options = replace(whole.options, half=whole.motion.half)
     cuts = np.array([0, 5000, 5010, 12_000, 29_990, 30_000])
-    pieces = [(time_s[a:b], x[a:b], y[a:b]) for a, b in zip(cuts, cuts[1:], strict=False)]
+    pieces = [(time_s[a:b], x[a:b], y[a:b]) for a, b in itertools.pairwise(cuts)]
     streamed = reduce_stream(pieces, options)
     assert len(streamed) == len(whole.used)
     scale = np.abs(whole.columns).max(axis=0)

@@ -27,7 +27,7 @@ def test_the_filter_is_3_db_down_at_its_cutoff_and_shifts_nothing() -> None:
 def test_k_is_exact_without_noise(coefficient: float) -> None:
     quiet = Sensors(volume_db=300.0, pressure_db=300.0)
     run = valve(STEPS, Servo(), ValveBench(coefficient=coefficient), quiet)
-    found = fit_orifice(*valve_signals(run), AREA_M2)
+    found = fit_orifice(*valve_signals(run), area_m2=AREA_M2)
     assert found.coefficient == pytest.approx(coefficient, rel=1e-4)  # what the filter smears of the start
     assert found.strokes == 12
 
@@ -36,7 +36,7 @@ def test_k_is_within_one_percent_and_its_interval_honest() -> None:
     inside = 0
     for seed in range(60):
         sensors = Sensors(volume_db=34.0, pressure_db=34.0, seed=seed)
-        found = fit_orifice(*valve_signals(valve(STEPS, Servo(), ValveBench(), sensors)), AREA_M2)
+        found = fit_orifice(*valve_signals(valve(STEPS, Servo(), ValveBench(), sensors)), area_m2=AREA_M2)
         assert found.coefficient == pytest.approx(3.05e-7, rel=0.01)
         low, high = found.interval()
         inside += low <= 3.05e-7 <= high
@@ -48,13 +48,13 @@ def test_the_advice_turns_the_screw_the_right_way(off: float, advice: str) -> No
     for seed in range(10):
         sensors = Sensors(volume_db=34.0, pressure_db=34.0, seed=seed)
         run = valve(STEPS, Servo(), ValveBench(coefficient=3.05e-7 * (1 + off)), sensors)
-        assert fit_orifice(*valve_signals(run), AREA_M2).advice(3.05e-7) == advice
+        assert fit_orifice(*valve_signals(run), area_m2=AREA_M2).advice(3.05e-7) == advice
 
 
 def test_published_fits_are_done() -> None:
     quiet = Sensors(volume_db=300.0, pressure_db=300.0)
     for target, fit, printed in ((3.05e-7, 3.02e-7, -0.0104), (4.30e-8, 4.26e-8, -0.0084)):
-        found = fit_orifice(*valve_signals(valve(STEPS, Servo(), ValveBench(coefficient=fit), quiet)), AREA_M2)
+        found = fit_orifice(*valve_signals(valve(STEPS, Servo(), ValveBench(coefficient=fit), quiet)), area_m2=AREA_M2)
         assert found.deviation(target) == pytest.approx(printed, abs=0.0012)  # K is printed to three digits
         assert found.advice(target) == "done"
 
@@ -62,7 +62,7 @@ def test_published_fits_are_done() -> None:
 def test_a_bench_without_strokes_is_refused() -> None:
     time_s = np.arange(2000) / 83
     with pytest.raises(BadInput, match="0 usable strokes"):
-        fit_orifice(time_s, np.sin(time_s), time_s, np.zeros(2000), AREA_M2)
+        fit_orifice(time_s, np.sin(time_s), time_s, np.zeros(2000), area_m2=AREA_M2)
 
 
 @pytest.mark.parametrize("name", ["30 deg, 0.075 in", "50 deg, 0.100 in"])

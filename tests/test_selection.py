@@ -1,7 +1,7 @@
 """Every subset's optimum is proved by its optimality conditions and by an independent solver."""
 
 import time
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -59,7 +59,9 @@ def test_every_subset_equals_scipy_on_the_raw_rows(seed: int) -> None:
     for mask in range(1, 64):
         kept = [bit for bit in range(6) if (mask >> bit) & 1]
         assert found.weights[mask, kept] * SCALE[kept] == pytest.approx(direct(columns, response, kept), abs=0) or (
-            np.allclose(found.weights[mask, kept] * SCALE[kept], direct(columns, response, kept) * SCALE[kept], atol=1e-10)
+            np.allclose(
+                found.weights[mask, kept] * SCALE[kept], direct(columns, response, kept) * SCALE[kept], atol=1e-10
+            )
         )
 
 
@@ -117,7 +119,7 @@ def test_blocks_and_merged_units_answer_like_whole_rows(monkeypatch: pytest.Monk
     monkeypatch.setattr("sysid.reduction.MOST_UNITS", 8)
     columns, response = problem(4)
     cuts = [0, 1, 17, 600, 601, 2500, 3000]
-    pieces = [(columns[a:b], response[a:b]) for a, b in zip(cuts, cuts[1:], strict=False)]
+    pieces = [(columns[a:b], response[a:b]) for a, b in pairwise(cuts)]
     streamed = reduce_blocks(NAMES, pieces, 64)
     assert len(streamed.rows) <= 16
     assert len(streamed) == 3000
@@ -175,7 +177,7 @@ def test_standard_errors_cover_the_truth_and_so_does_the_bootstrap() -> None:
         got = estimate(reduction, select(reduction), 7, Bootstrap(resamples=100, seed=seed))
         drawn += got.low[2] <= 2 <= got.high[2]
     assert 181 <= plain <= 197  # the 99 % binomial band of 0.95 in 200
-    assert 33 <= drawn  # and of 0.95 in 40
+    assert drawn >= 33  # and of 0.95 in 40
 
 
 def test_the_bootstrap_sees_correlation_that_standard_errors_do_not() -> None:

@@ -12,7 +12,6 @@ from typing import Any, NoReturn
 
 from data.errors import BadInput, CatheterError, RecordingCut
 
-
 REPORTS = (
     *("regression", "hysteresis", "recordings", "damage"),
     *("derivatives", "selection", "identification", "sysid-recordings", "sysid-stability"),
@@ -68,6 +67,21 @@ def parser() -> argparse.ArgumentParser:
     record.add_argument("--force", action="store_true", help="overwrite the output")
 
     fit = command("fit", "identify a model from a recording, with its uncertainty, as a small TOML")
+    _fit_arguments(fit)
+
+    report = command("report", "error against run time, as CSV, table and picture")
+    report.add_argument("name", choices=REPORTS, help="which report")
+    report.add_argument("--recording", metavar="FILE.mcap", help="for hysteresis: judge on this recording")
+    report.add_argument("--out", metavar="FOLDER", default="out", help="the folder to write to (default: out)")
+    report.add_argument("--force", action="store_true", help="overwrite an earlier report")
+    report.add_argument("--quick", action="store_true", help="fewer levels, seconds instead of minutes")
+
+    table = command("table", "print a table of the thesis, with units and source")
+    table.add_argument("number", nargs="?", help="such as 3.3 (default: list them)")
+    return root
+
+
+def _fit_arguments(fit: argparse.ArgumentParser) -> None:
     fit.add_argument("recording", help="an MCAP file")
     models = ("bender", "accumulator", "valve", "cracking", "hysteresis")
     fit.add_argument("--model", required=True, choices=models, help="what was recorded")
@@ -81,17 +95,6 @@ def parser() -> argparse.ArgumentParser:
     fit.add_argument("--validate", metavar="FILE.mcap", help="bender: judge the model on this recording too")
     fit.add_argument("--rest-volume", metavar="VOLUME", help="accumulator: such as '20 mL'")
     fit.add_argument("--target", metavar="K", help="valve: the coefficient wanted, '3.05e-7 m^3 Pa^-0.5 s^-1'")
-
-    report = command("report", "error against run time, as CSV, table and picture")
-    report.add_argument("name", choices=REPORTS, help="which report")
-    report.add_argument("--recording", metavar="FILE.mcap", help="for hysteresis: judge on this recording")
-    report.add_argument("--out", metavar="FOLDER", default="out", help="the folder to write to (default: out)")
-    report.add_argument("--force", action="store_true", help="overwrite an earlier report")
-    report.add_argument("--quick", action="store_true", help="fewer levels, seconds instead of minutes")
-
-    table = command("table", "print a table of the thesis, with units and source")
-    table.add_argument("number", nargs="?", help="such as 3.3 (default: list them)")
-    return root
 
 
 def run(arguments: list[str]) -> int:

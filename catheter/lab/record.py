@@ -1,6 +1,6 @@
 """Simulated experiments, recorded as the bench would record them, and marked as simulated."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -15,8 +15,7 @@ from data.recorder import Recorder
 from data.signal import Signal
 from data.topics import STANDARD, standard
 
-
-RUNS = {
+RUNS: dict[str, Callable[..., BenchRun]] = {
     "chirp": bench_runs.bender,
     "ramp": bench_runs.bender,
     "staircase": bench_runs.bender,
@@ -68,7 +67,7 @@ def _origin(scene: Scene) -> dict[str, str]:
 def _record_run(scene: Scene, out: Path, overwrite: bool) -> BenchRun:
     """Record one of the bench's experiments: the topics and components that it gives."""
     options = {name: table for name, table in scene.tables.items() if name != "ask"}
-    run: BenchRun = RUNS[scene.heading.kind](**options)
+    run = RUNS[scene.heading.kind](**options)
     truth = {
         f"{name}.{key}": repr(value) for name, table in options.items() for key, value in asdict(table).items()
     } | dict(run.truth)
@@ -79,9 +78,7 @@ def _record_run(scene: Scene, out: Path, overwrite: bool) -> BenchRun:
             listed = standard(name)
             units = tuple(listed.units[listed.components.index(one)] for one in components)
             rate_hz = scene.tables["sensors"].rate
-            recorder.add(
-                replace(listed, components=tuple(components), units=units, note="simulated", rate_hz=rate_hz)
-            )
+            recorder.add(replace(listed, components=tuple(components), units=units, note="simulated", rate_hz=rate_hz))
             values = np.stack([run.signals[name, one] for one in components], axis=1)
             if len(set(units)) == 1:
                 whole[name] = Signal(run.time_s, values, units[0], components=tuple(components), name=name)

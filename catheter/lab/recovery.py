@@ -100,8 +100,10 @@ def bench_rows(seeds: int) -> list[Row]:
     for seed in range(seeds):
         off = np.random.default_rng(seed).choice([-1, 1]) * np.random.default_rng(seed + 1).uniform(0.03, 0.2)
         truth = 3.05e-7 * (1 + off)
-        run = valve(Steps(most=2.355), Servo(), ValveBench(coefficient=truth), Sensors(volume_db=34, pressure_db=34, seed=seed))
-        found = fit_orifice(*valve_signals(run), AREA_M2)
+        run = valve(
+            Steps(most=2.355), Servo(), ValveBench(coefficient=truth), Sensors(volume_db=34, pressure_db=34, seed=seed)
+        )
+        found = fit_orifice(*valve_signals(run), area_m2=AREA_M2)
         wrong.append(abs(found.coefficient / truth - 1))
         advice += found.advice(3.05e-7) != ("tighten" if off > 0 else "loosen")
     each = (time.perf_counter() - strokes) / seeds

@@ -211,11 +211,11 @@ def damage(*, quick: bool, recording: str | None, progress: Progress) -> Report:
 
 def _sysid(name: str) -> Callable[..., Report]:
     def build(*, quick: bool, recording: str | None, progress: Progress) -> Report:
-        from catheter.lab.sysid_study import REPORTS as ours
+        from catheter.lab.sysid_study import REPORTS as OURS
 
         if name != "sysid-recordings":
             _refuse(recording, name)
-        return ours[name](quick=quick, recording=recording, progress=progress)
+        return OURS[name](quick=quick, recording=recording, progress=progress)
 
     return build
 

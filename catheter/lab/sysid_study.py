@@ -23,8 +23,8 @@ def chirp_truth(seconds: float) -> tuple[Array, Any]:
     from sysid.motion import Motion
 
     run = move(Servo(), Chirp(duration_s=seconds, start=0.01 if seconds > 1000 else 0.05), 83.0)
-    exact = (AREA_M2 / ML * one for one in (run.place_m, run.speed_m_s, run.acceleration_m_s2))
-    return run.time_s, Motion(*exact, method="exact", half=0, noise=0.0)
+    x, xd, xdd = (AREA_M2 / ML * one for one in (run.place_m, run.speed_m_s, run.acceleration_m_s2))
+    return run.time_s, Motion(x, xd, xdd, method="exact", half=0, noise=0.0)
 
 
 def noisy(value: Array, decibels: float, seed: int) -> Array:
@@ -155,8 +155,9 @@ def recordings(*, quick: bool, recording: str | None, progress: Progress) -> Rep
     from catheter.lab.replay import Replay
     from data.recording import Recording
     from sysid.estimate import Bootstrap
-    from sysid.identify import TERMS, identify
+    from sysid.identify import TERMS, Identify, identify
 
+    resamples = 40 if quick else 400
     with Recording(Path(recording) if recording else SHIPPED) as opened:
         replay = Replay(opened)
         experiment, title, best = replay.experiment, replay.title, replay.best
@@ -165,22 +166,24 @@ def recordings(*, quick: bool, recording: str | None, progress: Progress) -> Rep
 
         raise BadInput(opened.path, "; ".join(replay.left_out), "name a recording with a response and an input")
     x = experiment.input / (np.abs(experiment.input).max() or 1.0)
-    found = identify(experiment.time_s, x, experiment.response, None, Bootstrap(resamples=40 if quick else 400))
+    found = identify(experiment.time_s, x, experiment.response, Identify(signed=True), Bootstrap(resamples=resamples))
     progress(1.0)
     spread = found.reduction.response_deviation
     names = " ".join(found.chosen.names[1:]) or "constant only"
     share = dict(zip(TERMS, found.chosen.inclusion["1 %"], strict=True))
     included = ", ".join(f"{name} {100 * part:.0f} %" for name, part in share.items() if part >= 0.05)
-    rows = [
-        Row(method=f"nine terms, 1 % rule: {names}", level="in-sample", error=found.chosen.rmse / spread, seconds=found.seconds),
-        Row(method="nine terms", level="every other tenth held out", error=found.held_out / spread, seconds=found.seconds),
-        Row(method=f"with memory: {best.model.name}", level="in-sample", error=best.rmse / spread, seconds=best.seconds),
-        Row(method="with memory", level=best.split, error=best.held_out_rmse / spread, seconds=best.seconds),
-    ]  # fmt: skip
+    errors = [
+        (f"nine terms, 1 % rule: {names}", "in-sample", found.chosen.rmse, found.seconds),
+        ("nine terms", "every other tenth held out", found.held_out, found.seconds),
+        ("nine terms", "second half held out", found.second_half, found.seconds),
+        (f"with memory: {best.model.name}", "in-sample", best.rmse, best.seconds),
+        ("with memory", best.split, best.held_out_rmse, best.seconds),
+    ]
+    rows = [Row(method=name, level=level, error=rmse / spread, seconds=s) for name, level, rmse, s in errors]
     notes = [
-        f"Standard deviation of {experiment.response_name}: {spread:.5g}. Nine terms: fit {found.chosen.fit_percent:.1f} %, "
-        f"RMSE {found.chosen.rmse:.4g}, held out {found.held_out:.4g}; with memory: RMSE {best.rmse:.4g}, held out "
-        f"{best.held_out_rmse:.4g}.",
+        f"Standard deviation of {experiment.response_name}: {spread:.5g}. Nine terms, signed: fit "
+        f"{found.chosen.fit_percent:.1f} %, RMSE {found.chosen.rmse:.4g}, held out {found.held_out:.4g}; with memory: "
+        f"RMSE {best.rmse:.4g}, held out {best.held_out_rmse:.4g}.",
         f"Included over block-bootstrap resamples: {included or 'none'}.",
         *found.motion.notes,
     ]
@@ -206,7 +209,9 @@ def stability(*, quick: bool, recording: str | None, progress: Progress) -> Repo
         level="case",
         error="violation",
         rows=rows,
-        notes=["Violation: the largest slope of the squares that should be 0 or negative, columns and force of length 1."],
+        notes=[
+            "Violation: the largest slope of the squares that should be 0 or negative, columns and force of length 1."
+        ],
     )
 
 
