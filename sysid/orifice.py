@@ -149,8 +149,9 @@ def fit_cracking(drop_pa: Array, flow_m3_s: Array, *, level: float = 0.95) -> li
 
     Flow before: a constant (the sensor's zero). After pressure c: a jump and a straight line of
     (p - c), not negative, and its square and cube for the curvature further on. The c of least
-    squares on 400 means of neighbouring samples; its interval is where the squares stay below the least times
-    1 + F(level; 1, m - 6) / (m - 6), with a bin either side. Raises BadInput for a ramp without flow, or without rest before it.
+    squares on 400 means of neighbouring samples; its interval is where the squares stay below the
+    least times 1 + F(level; 1, m - 6) / (m - 6), with a bin either side. Raises BadInput for a
+    ramp without flow, or without rest before it.
     """
     found = []
     for direction, sign in (("forward", 1.0), ("reverse", -1.0)):

@@ -109,10 +109,24 @@ def test_valve_and_cracking_recordings(tmp_path: Path, capsys) -> None:
     assert set(load_toml(tmp_path / "c.toml")[0]) == {"fit", "cracking"}
 
 
+def test_the_dashboard_of_a_fit_is_marked_simulated_and_holds_its_views(tmp_path: Path, capsys) -> None:
+    run, view = recorded(CHIRP.replace("300 s", "60 s"), tmp_path), tmp_path / "fit.rrd"
+    fitted(capsys, run, "--model", "bender", "--view", view, "--resamples", "20")
+    import rerun.recording
+
+    entities = {str(column.entity_path) for column in rerun.recording.load_recording(view).schema().component_columns()}
+    assert {"/residual", "/response/model", "/dropped/8", "/subsets/all", "/spectrogram"} <= entities
+    assert cli.run(["fit", str(run), "--model", "bender", "--view", str(view)]) == 2  # not overwritten
+    assert "--force" in capsys.readouterr().err
+
+
 def test_hysteresis_of_the_shipped_recording(capsys) -> None:
     found = fitted(capsys, ROOT / "data" / "recordings" / "bender.mcap", "--model", "hysteresis")
     assert found["toml"]["fit"]["best"].startswith("Maxwell slip")
     assert found["loops"][0]["loops"]
+    models = {one["name"]: one["held_out_rmse"] for one in found["models"]}
+    # two models for two directions beat one, and lose against one with memory
+    assert found["toml"]["fit"]["held_out_rmse"] < found["two_branches"]["held_out_rmse"] < models["cubic, signed"]
 
 
 def test_a_relaxation_is_found_with_its_time_constant() -> None:

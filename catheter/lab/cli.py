@@ -92,6 +92,7 @@ def _fit_arguments(fit: argparse.ArgumentParser) -> None:
     fit.add_argument("--rule", choices=("1 %", "AICc", "BIC"), default="1 %", help="bender: what picks the terms")
     fit.add_argument("--signed", action="store_true", help="bender: weights of any sign (default: none negative)")
     fit.add_argument("--resamples", type=int, default=400, help="bender: block-bootstrap resamples (default 400)")
+    fit.add_argument("--view", metavar="FILE.rrd", help="bender: also write a dashboard for rerun")
     fit.add_argument("--validate", metavar="FILE.mcap", help="bender: judge the model on this recording too")
     fit.add_argument("--rest-volume", metavar="VOLUME", help="accumulator: such as '20 mL'")
     fit.add_argument("--target", metavar="K", help="valve: the coefficient wanted, '3.05e-7 m^3 Pa^-0.5 s^-1'")

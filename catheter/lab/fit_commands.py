@@ -18,9 +18,9 @@ def fit_(options: argparse.Namespace) -> Outcome:
     """Fit a model to a recording."""
     source = Path(options.recording)
     out = Path(options.out) if options.out else None
-    if out:
-        check_inputs(out, source)
-        check_free(out, options.force)
+    for path in filter(None, (out, Path(options.view) if options.view else None)):
+        check_inputs(path, source)
+        check_free(path, options.force)
     with Recording(source) as recording, progress("fitting"):
         fitted = MODELS[options.model](recording, options)
         origin = {"model": options.model, "recording": source.name, "kind": recording.kind}
@@ -111,6 +111,7 @@ def cracking(recording: Recording, options: argparse.Namespace) -> Fitted:
 def hysteresis(recording: Recording, options: argparse.Namespace) -> Fitted:
     """Loops, relaxation, and models with and without memory, on the same data."""
     from catheter.lab.commands import _replay_parts, _replay_values
+    from sysid.fit import SPLITS, TWO_BRANCHES, compare
     from sysid.relaxation import dwells
 
     replay = replayed(recording, options)
@@ -120,6 +121,16 @@ def hysteresis(recording: Recording, options: argparse.Namespace) -> Fitted:
     values, parts = _replay_values(replay), list(_replay_parts(replay))
     experiment = replay.experiment
     assert experiment is not None
+    apart = compare([TWO_BRANCHES], experiment, SPLITS[replay.ask.split](experiment))[0]
+    values["two_branches"] = {
+        "rmse": apart.rmse,
+        "held_out_rmse": apart.held_out_rmse,
+        "fit_percent": apart.fit_percent,
+    }
+    parts.append(
+        f"Separate inflating and deflating cubics: fit {apart.fit_percent:.1f} %, RMSE {apart.rmse:.4g}, held out "
+        f"{apart.held_out_rmse:.4g} (SI)"
+    )
     found = dwells(experiment.time_s, experiment.input, experiment.response)
     values["relaxation"] = [vars(one) for one in found]
     if found:
