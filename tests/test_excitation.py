@@ -74,6 +74,8 @@ def test_the_piston_moves_its_stroke_slowly_and_about_a_millilitre_fast_within_i
     for run in (slow, fast):
         assert np.abs(run.speed_m_s).max() <= servo.speed * 1.15  # the force lags, so a turn overshoots
         assert np.abs(run.acceleration_m_s2).max() <= servo.acceleration * 1.01
+        moved = np.cumsum((run.speed_m_s[1:] + run.speed_m_s[:-1]) / 2) / 83.0  # speed is the place's derivative
+        assert run.place_m[1:] - run.place_m[0] == pytest.approx(moved, abs=0.01 * STROKE_M)
     assert pytest.approx(5.720e-4, rel=1e-3) == AREA_M2
     assert pytest.approx(29.06 * ML, rel=1e-3) == STROKE_M * AREA_M2
 

@@ -2,7 +2,6 @@
 
 import itertools
 import json
-import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import ROOT
+from rerun.chunk import RrdReader
 
 from catheter.lab import cli
 from catheter.lab.record import record
@@ -95,6 +95,18 @@ def test_the_accumulator_through_the_whole_recording_path(tmp_path: Path, capsys
     assert "order" not in text.split("[accumulator]")[1]
 
 
+def test_a_scene_gives_the_table_for_the_arduino(tmp_path: Path, capsys) -> None:
+    out, pwm = tmp_path / "valve.mcap", tmp_path / "pwm.csv"
+    assert cli.run(["record", "valve", "--out", str(out), "--pwm", str(pwm)]) == 0
+    table = np.loadtxt(pwm, delimiter=",", skiprows=1)
+    with Recording(out) as recording:
+        drive = recording.signal("/drive")
+    played = table[np.searchsorted(table[:, 0], drive.time_s + 1e-9, side="right") - 1, 1] * 5 / 255
+    assert np.abs(played - drive.value).max() <= 5 / 255 / 2 + 1e-12  # half a count
+    assert cli.run(["record", "cracking", "--out", str(tmp_path / "c.mcap"), "--pwm", str(tmp_path / "c.csv")]) == 2
+    assert "has no voltage signal" in capsys.readouterr().err
+
+
 def test_valve_and_cracking_recordings(tmp_path: Path, capsys) -> None:
     for name in ("valve", "cracking"):
         record(Scene.load(name), tmp_path / f"{name}.mcap")
@@ -112,9 +124,13 @@ def test_valve_and_cracking_recordings(tmp_path: Path, capsys) -> None:
 def test_the_dashboard_of_a_fit_is_marked_simulated_and_holds_its_views(tmp_path: Path, capsys) -> None:
     run, view = recorded(CHIRP.replace("300 s", "60 s"), tmp_path), tmp_path / "fit.rrd"
     fitted(capsys, run, "--model", "bender", "--view", view, "--resamples", "20")
-    import rerun.recording
-
-    entities = {str(column.entity_path) for column in rerun.recording.load_recording(view).schema().component_columns()}
+    reader = RrdReader(view)
+    entities = {str(chunk.entity_path) for chunk in reader.stream(store=reader.recordings()[0])}
+    names = b"".join(
+        chunk.to_record_batch().to_pandas().to_string().encode()
+        for chunk in reader.stream(store=reader.blueprints()[0])
+    )
+    assert names.count(b"simulated ") >= 5  # every view says so
     assert {"/residual", "/response/model", "/dropped/8", "/subsets/all", "/spectrogram"} <= entities
     assert cli.run(["fit", str(run), "--model", "bender", "--view", str(view)]) == 2  # not overwritten
     assert "--force" in capsys.readouterr().err
@@ -161,16 +177,18 @@ def test_a_stream_answers_like_the_whole() -> None:
 
 
 def test_a_day_of_log_needs_little_memory() -> None:
+    # VmHWM, not ru_maxrss: a child inherits the latter from the process that started it
     code = (
-        "import resource\nfrom catheter.lab.recovery import _streamed\n_streamed(20_000)\n"
-        "before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\nprint(_streamed(7_171_200))\n"
-        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, before / 1024)"
+        "from catheter.lab.recovery import _streamed\n_streamed(20_000)\nprint(_streamed(7_171_200))\n"
+        "print(next(line for line in open('/proc/self/status') if line.startswith('VmHWM')).split()[1])"
     )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    violation, memory = float(done.stdout.split()[0]), float(done.stdout.split()[1])
+    for _ in range(2):  # the first may have to compile, which takes more memory than the work
+        done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+        violation, kilobytes = map(float, done.stdout.split())
+        if kilobytes < 300e3:
+            break
     assert violation < 1e-8
-    assert memory < 300  # MB, with the interpreter and its libraries
-    assert resource.RUSAGE_SELF == 0
+    assert kilobytes < 300e3  # with the interpreter and its libraries
 
 
 def test_extreme_cases_are_solved_or_refused_with_a_remedy() -> None:

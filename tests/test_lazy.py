@@ -24,6 +24,8 @@ def loaded(code: str) -> set[str]:
         ("import data.recorder", set()),
         ("import data.csv_import", set()),
         ("import catheter.bench", set()),
+        ("import catheter.bench_runs", set()),
+        ("import catheter.lab.fit_commands", set()),
         ("import catheter.lab.cli", set()),
         ("import catheter.lab.scene", set()),
         ("import catheter.lab.replay", set()),

@@ -146,7 +146,17 @@ def test_rules_stop_where_they_say() -> None:
             p = 2 + np.count_nonzero(found.weights[mask])
             penalty = p * np.log(n) if rule == "BIC" else 2 * p + 2 * p * (p + 1) / (n - p - 1)
             values.append(n * np.log(found.rmse[mask] ** 2) + penalty)
+        assert found.information(rule) == pytest.approx(np.array(values), rel=1e-12)
         assert found.choose(rule) == found.support(int(np.argmin(values)))
+
+
+@pytest.mark.parametrize(("share", "terms"), [(0.25, ("a", "b")), (0.1, ("a",))])
+def test_one_percent_is_one_percent(share: float, terms: tuple[str, ...]) -> None:
+    basis = np.linalg.qr(np.random.default_rng(2).normal(size=(1000, 5)) - 0.0)[0] * 1000**0.5
+    columns = basis[:, :3] - basis[:, :3].mean(axis=0)
+    # b lowers the error from sqrt(1 + share^2) to 1: by 3 % and by half a percent
+    found = select(reduce_rows(tuple("abc"), columns, columns @ [1, share, 0] + basis[:, 3]))
+    assert found.names(found.choose("1 %")) == terms
 
 
 def test_full_size_takes_less_than_the_stated_time() -> None:
@@ -184,9 +194,10 @@ def test_the_bootstrap_sees_correlation_that_standard_errors_do_not() -> None:
     draw = np.random.default_rng(3)
     slow = np.repeat(draw.normal(size=200), 50)  # a residual alike for 50 samples
     x = np.repeat(np.abs(draw.normal(size=(200, 1))), 50, axis=0)
-    reduction = reduce_rows(("a",), x, 2 * x[:, 0] + slow, unit_rows=50)
-    found = estimate(reduction, select(reduction), 1)
-    assert (found.high[1] - found.low[1]) / 3.92 > 4 * found.standard_errors[1]
+    reduction = reduce_rows(("a",), x, 2 * x[:, 0] + slow, unit_rows=10)
+    found = estimate(reduction, select(reduction), 1, Bootstrap(block_units=20))
+    # sqrt(50) = 7 times, of which blocks of 200 samples see most and single units of 10 see sqrt(10) = 3.2
+    assert (found.high[1] - found.low[1]) / 3.92 > 5 * found.standard_errors[1]
     assert ljung_box(2 * x[:, 0] + slow - 2 * x[:, 0]).p_value < 1e-6
     assert ljung_box(draw.normal(size=5000)).p_value > 0.001
 

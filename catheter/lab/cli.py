@@ -64,6 +64,7 @@ def parser() -> argparse.ArgumentParser:
     record = command("record", "simulate a scene and record it, marked as simulated")
     record.add_argument("scene", help="a shipped scene (such as bender or chirp), or a .toml file")
     record.add_argument("--out", metavar="FILE.mcap", required=True, help="the recording to write")
+    record.add_argument("--pwm", metavar="FILE.csv", help="also write time and PWM for the bench's Arduino")
     record.add_argument("--force", action="store_true", help="overwrite the output")
 
     fit = command("fit", "identify a model from a recording, with its uncertainty, as a small TOML")

@@ -14,6 +14,7 @@ from data.units import UNDOCUMENTED
 
 if TYPE_CHECKING:
     from catheter.lab.replay import LoopFamily, Replay
+    from catheter.lab.scene import Scene
 
 SHIPPED = Path(__file__).parents[2] / "data" / "recordings" / "bender.mcap"
 WIDTH = 100
@@ -272,11 +273,23 @@ def record_(options: argparse.Namespace) -> Outcome:
 
     out = Path(options.out)
     check_inputs(out, Path(options.scene))
-    run = record(Scene.load(options.scene), out, overwrite=options.force)
+    scene = Scene.load(options.scene)
+    parts = [_pwm(scene, Path(options.pwm), options.force)] if options.pwm else []
+    run = record(scene, out, overwrite=options.force)
     return Outcome(
-        {"recording": str(out), "kind": "simulated", "samples": len(run.time_s)},
-        [f"{out} written (simulated): {len(run.time_s)} samples, {run.time_s[-1]:.1f} s"],
+        {"recording": str(out), "kind": "simulated", "samples": len(run.time_s), "pwm": options.pwm},
+        [f"{out} written (simulated): {len(run.time_s)} samples, {run.time_s[-1]:.1f} s", *parts],
     )
+
+
+def _pwm(scene: "Scene", path: Path, force: bool) -> str:
+    from sysid.excitation import Excitation, write_pwm_csv
+
+    drive = scene.tables.get("drive")
+    if not isinstance(drive, Excitation):
+        raise BadInput("--pwm", f"a {scene.heading.kind} scene has no voltage signal", "name a chirp, ramp or the like")
+    rows = write_pwm_csv(path, drive, rate_hz=scene.tables["sensors"].rate, replace=force)
+    return f"{path} written: {rows} rows of time and PWM"
 
 
 def report_(options: argparse.Namespace) -> Outcome:

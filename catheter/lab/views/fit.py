@@ -84,7 +84,8 @@ def _drawings(
     span = (float(decibels.max()) - 90, float(decibels.max()))
     picture = (255 * ((decibels - span[0]) / 90).clip(0, 1)).astype(np.uint8)
     stream.log("/spectrogram", rr.Image(picture, color_model="L"), static=True)
+    fan_name = view_name("error of all subsets over their size", "10: constant only", kind)
     return [
-        rrb.Spatial2DView(name=view_name("error of all subsets over their size", "10: constant only", kind), origin="/subsets"),
+        rrb.Spatial2DView(name=fan_name, origin="/subsets"),
         rrb.Spatial2DView(name=view_name("spectrogram of the input, 0 to 20 Hz", "dB", kind), origin="/spectrogram"),
-    ]  # fmt: skip
+    ]
