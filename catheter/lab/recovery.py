@@ -94,6 +94,29 @@ def bias_rows(seconds: float, seeds: int) -> list[Row]:
     return rows
 
 
+def measured_rows(seconds: float, seeds: int) -> list[Row]:
+    """How often each rule misses the published terms when x, xd, xdd come from a position at 40 dB too."""
+    time_s, exact = chirp_truth(seconds)
+    rows = []
+    for loading, (plant, terms) in PUBLISHED.items():
+        clean, begun, missed = polynomial_force(plant, exact), time.perf_counter(), dict.fromkeys(RULES, 0)
+        cubic = []
+        for seed in range(seeds):
+            moved = motion(time_s, noisy(exact.position, 40, seed))
+            force = noisy(clean, 40, 500 + seed)[moved.known]
+            found = select(reduce_rows(TERMS, columns_of(moved)[moved.known], force))
+            cubic.append(found.weights[found.mask(terms), 0] / plant.cubic - 1)
+            for rule in RULES:
+                missed[rule] += set(found.names(found.choose(rule))) != set(terms)
+        spent, level = (time.perf_counter() - begun) / seeds, "40 dB force and position"
+        rows += [
+            Row(method=f"{loading}: terms missed, {rule}", level=level, error=n / seeds, seconds=spent)
+            for rule, n in missed.items()
+        ]
+        rows.append(Row(method=f"{loading}: bias of x^3", level=level, error=float(np.mean(cubic)), seconds=spent))
+    return rows
+
+
 def bench_rows(seeds: int) -> list[Row]:
     """Valve coefficient and advice, cracking pressures, accumulator: the largest errors over the seeds."""
     wrong, advice, strokes = [], 0, time.perf_counter()

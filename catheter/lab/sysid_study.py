@@ -121,7 +121,7 @@ def _direct(columns: Array, force: Array, masks: range) -> tuple[dict[int, Array
 
 def identification(*, quick: bool, recording: str | None, progress: Progress) -> Report:
     """What is put into simulated recordings, and how often and how well it is found again."""
-    from catheter.lab.recovery import bench_rows, bias_rows, coverage_rows, terms_rows
+    from catheter.lab.recovery import bench_rows, bias_rows, coverage_rows, measured_rows, terms_rows
 
     seconds, seeds = (180.0, 10) if quick else (1800.0, 50)
     rows = terms_rows(seconds, seeds)
@@ -129,6 +129,7 @@ def identification(*, quick: bool, recording: str | None, progress: Progress) ->
     rows += coverage_rows(seconds, 4 * seeds)
     progress(0.7)
     rows += bias_rows(seconds, 2 if quick else 5)
+    rows += measured_rows(seconds, seeds // 5)
     rows += bench_rows(2 * seeds)
     return Report(
         name="identification",
