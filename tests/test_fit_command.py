@@ -93,6 +93,9 @@ def test_the_accumulator_through_the_whole_recording_path(tmp_path: Path, capsys
     read = Scene.load(tmp_path / "s.toml").tables["accumulator"].coefficients
     assert read == pytest.approx(found["coefficients_pa"], rel=1e-12)
     assert "order" not in text.split("[accumulator]")[1]
+    record(Scene.load(tmp_path / "s.toml"), tmp_path / "again.mcap")
+    with Recording(tmp_path / "again.mcap") as recording:  # the bench is made of the fit now
+        assert float(recording.metadata["truth"]["accumulator.c4"].split()[0]) == read[3]
 
 
 def test_a_scene_gives_the_table_for_the_arduino(tmp_path: Path, capsys) -> None:
