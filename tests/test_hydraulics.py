@@ -239,8 +239,8 @@ def test_a_jump_that_is_named_is_exact() -> None:
 
 def test_the_scene_is_the_thesis() -> None:
     scene = Scene.load("locomotion")
-    assert scene.source == SquareWave()
-    mine, tables = scene.circuit, thesis_circuit(0.01)
+    assert scene.tables["source"] == SquareWave()
+    mine, tables = scene.tables["circuit"], thesis_circuit(0.01)
     assert mine is not None
     assert mine.table() == pytest.approx(tables.table(), rel=1e-12)
     text = scene.text.replace('transition = "0.01 Pa"', 'transitoin = "1 Pa"', 1)

@@ -37,7 +37,7 @@ def _scene(name: str) -> "tuple[Scene, Circuit]":
     scene = Scene.load(name)
     if scene.heading.kind != "locomotion":
         raise BadInput(f"scene {name}", f"is of kind {scene.heading.kind!r}", "name a locomotion scene")
-    return scene, scene.circuit or thesis_circuit()
+    return scene, scene.tables.get("circuit") or thesis_circuit()
 
 
 def run_(options: argparse.Namespace) -> Outcome:
@@ -46,10 +46,11 @@ def run_(options: argparse.Namespace) -> Outcome:
     from catheter.tuning import NAMES, evaluate
 
     scene, circuit = _scene(options.scene)
-    score = evaluate(circuit, scene.source, scene.marks)
+    source, marks, extender = (scene.tables[name] for name in ("source", "marks", "extender"))
+    score = evaluate(circuit, source, marks)
     events = dict(zip(NAMES, score.events_s[0].tolist(), strict=True))
     known = bool(np.isfinite(score.extender[0]).all())  # an event that does not happen is NaN
-    stroke = stroke_of(score.extender[0], scene.extender).stroke_m if known else float("nan")
+    stroke = stroke_of(score.extender[0], extender).stroke_m if known else float("nan")
     values: dict[str, Any] = {
         "scene": scene.heading.title,
         "kind": "simulated",
@@ -58,7 +59,7 @@ def run_(options: argparse.Namespace) -> Outcome:
         "forward": float(score.forward[0]),
         "reverse": float(score.reverse[0]),
         "stroke_mm": 1e3 * stroke,
-        "extender_length_mm": 1e3 * scene.extender.length,
+        "extender_length_mm": 1e3 * extender.length,
         "published": {"events_s": PUBLISHED_EVENTS_S, "stroke_mm": PUBLISHED_STROKE_MM},
         "mismatch": {
             "events_s": {name: events[name] - PUBLISHED_EVENTS_S[name] for name in NAMES},
@@ -74,7 +75,7 @@ def run_(options: argparse.Namespace) -> Outcome:
         f"{scene.heading.title} (simulated, periodic state)",
         table(["event", "ms", "published", "mismatch"], rows),
         f"J = 2ab = {values['J']:.5f}, a = {values['forward']:.5f}, b = {values['reverse']:.5f}"
-        if scene.marks.objective == "product"
+        if marks.objective == "product"
         else f"J = a^2 + b^2 - |a - b| = {values['J']:.5f}",
         f"Stroke {values['stroke_mm']:.1f} mm a cycle, published {PUBLISHED_STROKE_MM:.0f} mm; "
         f"extender of {values['extender_length_mm']:.0f} mm: its length is inferred, the thesis prints none.",
@@ -92,22 +93,23 @@ def tune_(options: argparse.Namespace) -> Outcome:
     from data.table import table as thesis_table
 
     scene, circuit = _scene(options.scene)
+    source, marks = scene.tables["source"], scene.tables["marks"]
     circuit = replace(
         circuit,
         segments=tuple(replace(s, valve=replace(s.valve, transition=options.transition)) for s in circuit.segments),
     )
     grid = grid_coefficients()
-    coefficient_map(circuit, scene.source, scene.marks, grid[:2])  # compiled beforehand, or read from numba's cache
+    coefficient_map(circuit, source, marks, grid[:2])  # compiled beforehand, or read from numba's cache
     started = time.perf_counter()
-    score = coefficient_map(circuit, scene.source, scene.marks, grid)
+    score = coefficient_map(circuit, source, marks, grid)
     seconds = time.perf_counter() - started
     n2, n3 = (int(n) for n in np.unravel_index(score.objective.argmax(), (GRID_COUNT, GRID_COUNT)))
     first = circuit.segments[0].valve.coefficient
-    best = optimum(circuit.with_coefficients(first, grid[n2], grid[n3]), scene.source, scene.marks)
+    best = optimum(circuit.with_coefficients(first, grid[n2], grid[n3]), source, marks)
     valves = thesis_table("3.4")
     published = [valves.value(f"Valve {i}", "optimal") for i in (1, 2, 3)]
-    printed = float(evaluate(circuit.with_coefficients(*published), scene.source, scene.marks).objective[0])
-    robots = built(best.circuit, scene.source, scene.marks, Scatter())
+    printed = float(evaluate(circuit.with_coefficients(*published), source, marks).objective[0])
+    robots = built(best.circuit, source, marks, Scatter())
     low, middle, high = np.percentile(robots.objective, [5, 50, 95])
     values = {
         "K2": best.circuit.segments[1].valve.coefficient,

@@ -22,6 +22,11 @@ STUDIES = {  # the module of each report; the function has its name, with "_" fo
     "free": "free_study",
     "free-stability": "free_study",
     "valves": "valve_study",
+    "derivatives": "sysid_study",
+    "selection": "sysid_study",
+    "identification": "sysid_study",
+    "sysid-recordings": "sysid_study",
+    "sysid-stability": "sysid_study",
     "hydraulics": "circuit_study",
     "hydraulics-stability": "circuit_study",
 }
@@ -65,7 +70,7 @@ def report_(options: argparse.Namespace) -> Outcome:
 
 def _made(options: argparse.Namespace, advance: Callable[[float], None]) -> "Report":
     more = {}
-    if options.name == "hysteresis":
+    if options.name in ("hysteresis", "sysid-recordings"):
         more["recording"] = options.recording
     elif options.recording is not None:
         raise BadInput("--recording", f"given for the {options.name} report", "it makes its own data")
