@@ -37,3 +37,27 @@ def test_every_extreme_is_solved_to_its_tolerance_or_refused(tmp_path: Path, cap
     assert len(rows) == 12
     assert rows.pop("source -50 kPa")["failed"].startswith("failed: circuit at 0.65")
     assert all(row["error"] < 1e-6 and not row["failed"] for row in rows.values())
+
+
+def test_a_fit_from_a_recording_goes_into_the_circuit(tmp_path: Path, capsys) -> None:
+    for scene, model, more in (
+        ("accumulator", "accumulator", ("--rest-volume", "20 mL")),
+        ("valve", "valve", ("--target", "3.05e-7 m^3 Pa^-0.5 s^-1")),
+    ):
+        recording, fit = str(tmp_path / f"{scene}.mcap"), str(tmp_path / f"{scene}.toml")
+        assert cli.run(["record", scene, "--out", recording]) == 0
+        assert cli.run(["fit", recording, "--model", model, "--out", fit, *more]) == 0
+    capsys.readouterr()
+    fits = ["--fit", f"1={tmp_path / 'accumulator.toml'}", "--fit", f"2={tmp_path / 'valve.toml'}"]
+    assert cli.run(["run", "locomotion", *fits, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["J"] == pytest.approx(0.17219, rel=0.02)  # fitted to what the thesis prints, with noise
+    assert found["J"] != pytest.approx(0.17219, rel=1e-5)
+    (tmp_path / "other.toml").write_text("[fit]\nmodel = 'bender'\n")
+    for wrong, said in (
+        (f"4={tmp_path / 'valve.toml'}", "4 of 3"),
+        ("x", "write N=FIT.toml"),
+        (f"1={tmp_path / 'other.toml'}", "expected an accumulator or a valve fit"),
+    ):
+        assert cli.run(["run", "locomotion", "--fit", wrong]) == 2
+        assert said in capsys.readouterr().err

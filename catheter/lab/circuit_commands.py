@@ -2,6 +2,8 @@
 
 import argparse
 import time
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,24 +22,37 @@ PUBLISHED_STROKE_MM = 28.0  # section 3.1.2; measured 27 +- 4
 def run_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `run`."""
     parser.add_argument("scene", help="a shipped scene (locomotion), or a .toml file")
+    _fit_option(parser)
 
 
 def tune_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `tune`."""
+    _fit_option(parser)
     parser.add_argument("--scene", default="locomotion", help="a shipped scene (default: locomotion), or a .toml file")
     parser.add_argument(
         "--transition", type=float, default=1.0, metavar="PA", help="laminar transition (default: 1 Pa)"
     )
 
 
-def _scene(name: str) -> "tuple[Scene, Circuit]":
-    from catheter.circuit import thesis_circuit
+def _fit_option(parser: argparse.ArgumentParser) -> None:
+    text = "put a fitted accumulator or valve into segment N (1 is next to the source)"
+    parser.add_argument("--fit", action="append", default=[], metavar="N=FIT.toml", help=text)
+
+
+def _scene(name: str, fits: Sequence[str]) -> "tuple[Scene, Circuit]":
+    from catheter.circuit import thesis_circuit, with_fit
     from catheter.lab.scene import Scene
 
     scene = Scene.load(name)
     if scene.heading.kind != "locomotion":
         raise BadInput(f"scene {name}", f"is of kind {scene.heading.kind!r}", "name a locomotion scene")
-    return scene, scene.tables.get("circuit") or thesis_circuit()
+    circuit = scene.tables.get("circuit") or thesis_circuit()
+    for each in fits:
+        number, _, path = each.partition("=")
+        if not number.isdecimal() or not path:
+            raise BadInput("--fit", f"is {each!r:.60}", "write N=FIT.toml")
+        circuit = with_fit(circuit, int(number) - 1, Path(path))
+    return scene, circuit
 
 
 def run_(options: argparse.Namespace) -> Outcome:
@@ -45,7 +60,7 @@ def run_(options: argparse.Namespace) -> Outcome:
     from catheter.locomotion import stroke as stroke_of
     from catheter.tuning import NAMES, evaluate
 
-    scene, circuit = _scene(options.scene)
+    scene, circuit = _scene(options.scene, options.fit)
     source, marks, extender = (scene.tables[name] for name in ("source", "marks", "extender"))
     score = evaluate(circuit, source, marks)
     events = dict(zip(NAMES, score.events_s[0].tolist(), strict=True))
@@ -92,7 +107,7 @@ def tune_(options: argparse.Namespace) -> Outcome:
     from catheter.tuning import evaluate
     from data.table import table as thesis_table
 
-    scene, circuit = _scene(options.scene)
+    scene, circuit = _scene(options.scene, options.fit)
     source, marks = scene.tables["source"], scene.tables["marks"]
     circuit = replace(
         circuit,
