@@ -206,7 +206,7 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
     State *s = &MODEL(c)->now;
     for (int k = 0; k < SEGMENTS; k++) {
         if (!(s->parameter[VOLUME][k] > 0.0)) return fail(c, "a volume is not positive");
-        if (!(s->parameter[FLOW][k] > 0.0)) return fail(c, "a flow coefficient is not positive");
+        if (!(s->parameter[FLOW][k] >= 0.0)) return fail(c, "a flow coefficient is negative");
         if (!(s->parameter[TRANSITION][k] > 0.0)) return fail(c, "a transition pressure is not positive");
         if (!(s->parameter[STIFFNESS][k] > 0.0)) return fail(c, "a stiffness factor is not positive");
     }

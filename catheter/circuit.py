@@ -2,11 +2,12 @@
 
 import math
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
 from data.errors import BadInput
-from data.options import option
+from data.options import load_toml, option, read
 from data.signal import Array
 
 DISCHARGE = 0.62
@@ -164,7 +165,7 @@ class Circuit:
         table = np.zeros((len(self.segments), kernel.FIRST + degree + 1))
         for row, segment in zip(table, self.segments, strict=True):
             spring, valve = segment.accumulator, segment.valve
-            row[kernel.VOLUME], row[kernel.STIFFNESS] = spring.rest_volume, 1.0
+            row[kernel.PER_VOLUME], row[kernel.STIFFNESS] = 1.0 / spring.rest_volume, 1.0
             row[kernel.FLOW] = valve.coefficient
             row[kernel.LOW], row[kernel.HIGH] = spring.linear_range
             row[kernel.FIRST + 1 : kernel.FIRST + 1 + len(spring.coefficients)] = spring.coefficients
@@ -190,6 +191,50 @@ class Circuit:
                 for segment, k in zip(self.segments, coefficients, strict=True)
             ),
         )
+
+
+def with_fit(circuit: Circuit, segment: int, path: Path) -> Circuit:
+    """Return the circuit with segment 0..N-1's accumulator or valve as `python -m catheter fit` found it.
+
+    path: the TOML of an accumulator fit (pressure law; beyond the volumes that were measured a straight
+    line) or of a valve fit (flow coefficient). Raises BadInput for another file or segment.
+    """
+    tables = load_toml(path)[0]
+    told = tables.get("fit", {})
+    told = told if isinstance(told, dict) else {}
+    model = told.get("model")
+    if model not in ("accumulator", "valve"):
+        raise BadInput(f"{path}, [fit], model", f"is {model!r:.40}", "expected an accumulator or a valve fit")
+    if not 0 <= segment < len(circuit.segments):
+        raise BadInput("segment", f"{segment + 1} of {len(circuit.segments)}", "name one that is there")
+    old = circuit.segments[segment]
+    given = tables.get(model, {})
+    if model == "valve":
+        found = read(_FittedValve, given, f"{path}, [valve]")
+        new = replace(old, valve=replace(old.valve, coefficient=found.coefficient))
+    else:
+        law = read(_FittedLaw, given, f"{path}, [accumulator]")
+        most = read(_FittedRange, {"rising": told["rising"]} if "rising" in told else {}, f"{path}, [fit]").rising[1]
+        spring = Accumulator(
+            rest_volume=old.accumulator.rest_volume, coefficients=law.coefficients, linear_above=most - 1.0
+        )
+        new = replace(old, accumulator=spring)
+    return replace(circuit, segments=(*circuit.segments[:segment], new, *circuit.segments[segment + 1 :]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _FittedLaw:
+    coefficients: tuple[float, ...] = option(unit="Pa")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _FittedRange:
+    rising: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _FittedValve:
+    coefficient: float = option(unit="m^3 Pa^-0.5 s^-1")
 
 
 def thesis_circuit(transition_pa: float = 1.0) -> Circuit:

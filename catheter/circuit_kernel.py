@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 # columns of a circuit's table; the coefficients c0, c1, ... of the pressure fill the rest
-VOLUME, FLOW, TRANSITION, FORWARD, REVERSE, CRACKING, STIFFNESS, LOW, HIGH, FIRST = range(10)
+PER_VOLUME, FLOW, TRANSITION, FORWARD, REVERSE, CRACKING, STIFFNESS, LOW, HIGH, FIRST = range(10)
 
 DONE, TOO_MANY, UNDERFLOW, NOT_FINITE, EMPTIED = range(5)
 
@@ -175,9 +175,9 @@ def _add_derivative(  # noqa: PLR0917, compiled functions take arrays, not objec
     for k in range(n):
         here = link[1, k] * s[at + k] + link[0, k] * tangent[m - 1, n + k]
         q = link[4, k] * (before - here) + link[3, k] * tangent[m - 1, k]
-        out[i, at + k] += q / table[k, VOLUME]
+        out[i, at + k] += q * table[k, PER_VOLUME]
         if k > 0:
-            out[i, at + k - 1] -= q / table[k - 1, VOLUME]
+            out[i, at + k - 1] -= q * table[k - 1, PER_VOLUME]
         before = here
 
 
@@ -195,9 +195,9 @@ def _add_second(  # noqa: PLR0917
         both_here = (link[2, k] * s[at + k] + link[1, k] * stiffer) * v
         v_drop, wider = v_before - v_here, tangent[m - 1, k]
         q = (link[5, k] * (s_before - s_here) + link[4, k] * wider) * v_drop + link[4, k] * (both_before - both_here)
-        out[i, at + k] += q / table[k, VOLUME]
+        out[i, at + k] += q * table[k, PER_VOLUME]
         if k > 0:
-            out[i, at + k - 1] -= q / table[k - 1, VOLUME]
+            out[i, at + k - 1] -= q * table[k - 1, PER_VOLUME]
         s_before, v_before, both_before = s_here, v_here, both_here
 
 
@@ -212,10 +212,10 @@ def _factor(table: Array, link: Array, shift: float, lu: Array) -> None:
         diagonal = link[4, k]
         if k + 1 < n:
             diagonal += link[4, k + 1]
-            lu[2, k] = -link[4, k + 1] * link[1, k + 1] / table[k, VOLUME]
-        diagonal = shift + diagonal * link[1, k] / table[k, VOLUME]
+            lu[2, k] = -link[4, k + 1] * link[1, k + 1] * table[k, PER_VOLUME]
+        diagonal = shift + diagonal * link[1, k] * table[k, PER_VOLUME]
         if k > 0:
-            lu[0, k] = -link[4, k] * link[1, k - 1] / table[k, VOLUME] * lu[1, k - 1]
+            lu[0, k] = -link[4, k] * link[1, k - 1] * table[k, PER_VOLUME] * lu[1, k - 1]
             diagonal -= lu[0, k] * lu[2, k - 1]
         lu[1, k] = 1.0 / diagonal
 
@@ -250,7 +250,7 @@ def _stages(  # noqa: PLR0917
     n = len(table)
     rate, per_h, size = source_at(pieces, index, s)[1], 1.0 / h, len(z)
     _factor(table, base, 1.0 / (GAMMA * h), lu)
-    push = base[4, 0] * rate / table[0, VOLUME] * h
+    push = base[4, 0] * rate * table[0, PER_VOLUME] * h
     for i in range(STAGES):
         for k in range(size):
             y[k] = z[k]
@@ -267,7 +267,7 @@ def _stages(  # noqa: PLR0917
             _plain_links(table, y, source, link)
         for k in range(n):
             onward = link[3, k + 1] if k + 1 < n else 0.0
-            u[i, k] += (link[3, k] - onward) / table[k, VOLUME]
+            u[i, k] += (link[3, k] - onward) * table[k, PER_VOLUME]
         u[i, 0] += G[i] * push
         _solve(lu, u, i, 0)
         for m in range(1, size // n):
@@ -279,7 +279,9 @@ def _stages(  # noqa: PLR0917
 @njit(cache=True, nogil=True, error_model="numpy")
 def _grown(array: Array) -> Array:
     larger = np.empty((2 * len(array), *array.shape[1:]))
-    larger[: len(array)] = array
+    old, new = array.reshape(-1), larger.reshape(-1)
+    for i in range(len(old)):  # a slice would do, but takes a second to compile
+        new[i] = old[i]
     return larger
 
 
@@ -289,8 +291,28 @@ def _first_step(table: Array, link: Array, tolerance: float, length: float) -> f
     n, fastest = len(table), 1e-300
     for k in range(n):
         onward = link[3, k + 1] if k + 1 < n else 0.0
-        fastest = max(fastest, abs(link[3, k] - onward) / table[k, VOLUME])
+        fastest = max(fastest, abs(link[3, k] - onward) * table[k, PER_VOLUME])
     return float(min(0.1 * tolerance ** (1.0 / ORDER) / fastest, length))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _weigh(  # noqa: PLR0917
+    table: Array, x: Array, source: float, link: Array, tolerance: float, weight: Array
+) -> None:
+    """Set weight (N,), the error a step may make in x: the tolerance, but no more than half a drop's worth of volume.
+
+    A volume that errs by more than the drops beside it pushes the flow to and fro across the
+    laminar range, and the steps never grow again.
+    """
+    n, before = len(table), source
+    for k in range(n):
+        drop, d = before - link[0, k], table[k, TRANSITION]
+        size = np.sqrt(drop * drop + d * d)
+        most = 0.5 * size / link[1, k]
+        weight[k] = min(tolerance * max(1.0, abs(1.0 + x[k])), most)
+        if k > 0:
+            weight[k - 1] = min(weight[k - 1], 0.5 * size / link[1, k - 1])
+        before = link[0, k]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -301,7 +323,7 @@ def integrate(  # noqa: PLR0912, PLR0917, one loop reads better than its parts
 
     Returns status, where (the segment at fault, or -1), steps taken, steps tried, and per step its
     time, width, columns (steps+1, (1+M) N) and dense output (steps, 3, (1+M) N). The estimated
-    error of a step in V/V_rest, relative above 1, stays below `tolerance` times LOCAL.
+    error of a step in V/V_rest, relative above 1, stays below `tolerance` times LOCAL (see `_weigh`).
     """
     tolerance = tolerance * LOCAL
     size, n = len(start), len(table)
@@ -309,7 +331,7 @@ def integrate(  # noqa: PLR0912, PLR0917, one loop reads better than its parts
     time, width = np.empty(capacity), np.empty(capacity)
     state, dense = np.empty((capacity + 1, size)), np.empty((capacity, 3, size))
     base, link, lu = np.empty((6, n)), np.empty((6, n)), np.empty((3, n))
-    y, z, u = np.empty(size), start.copy(), np.empty((STAGES, size))
+    y, z, u, weight = np.empty(size), start.copy(), np.empty((STAGES, size)), np.empty(n)
     state[0] = start
     count = tried = 0
     h, before = 0.0, np.nan
@@ -317,6 +339,7 @@ def integrate(  # noqa: PLR0912, PLR0917, one loop reads better than its parts
         length, s = breaks[index + 1] - breaks[index], 0.0
         source = source_at(pieces, index, 0.0)[0]
         _links(table, z, source, base)
+        _weigh(table, z, source, base, tolerance, weight)
         if not abs(source - before) <= 1e-9 * abs(source):
             h = _first_step(table, base, tolerance, length)
         while s < length:
@@ -329,7 +352,7 @@ def integrate(  # noqa: PLR0912, PLR0917, one loop reads better than its parts
             _stages(table, pieces, index, s, step, z, tangent, base, link, lu, y, u)
             error = 0.0
             for k in range(n):
-                ratio = abs(u[STAGES - 1, k]) / (tolerance * max(1.0, abs(1.0 + z[k])))
+                ratio = abs(u[STAGES - 1, k]) / weight[k]
                 error = ratio if not ratio <= error else error
             factor = 0.9 * max(error, 1e-12) ** (-1.0 / ORDER) if np.isfinite(error) else 0.1
             if not error <= 1.0:
@@ -356,12 +379,13 @@ def integrate(  # noqa: PLR0912, PLR0917, one loop reads better than its parts
             s = length if last else s + step
             before = source_at(pieces, index, s)[0]
             _links(table, z, before, base)
+            _weigh(table, z, before, base, tolerance, weight)
     return DONE, -1, count, tried, time, width, state, dense
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def rest_at(table: Array, k: int, target: float) -> float:
-    """Return the x at which accumulator k holds a pressure [Pa]; its law rises, so bisection finds it.
+    """Return the x at which accumulator k holds a pressure [Pa]: Newton's method, kept in a bracket by bisection.
 
     Returns -1 where the pressure would empty it, inf where 2^20 rest volumes do not hold it.
     """
@@ -372,14 +396,18 @@ def rest_at(table: Array, k: int, target: float) -> float:
         if high > 1e6:
             return np.inf
         low, high = high, 2.0 * high
-    while True:
-        middle = 0.5 * (low + high)
-        if middle in (low, high):
-            return middle
-        if pressure(table, k, middle)[0] < target:
-            low = middle
+    x = 0.5 * (low + high)
+    for _ in range(100):
+        p, slope, _ = pressure(table, k, x)
+        if p < target:
+            low = x
         else:
-            high = middle
+            high = x
+        newton = x - (p - target) / slope
+        if abs(newton - x) <= 1e-15:
+            break
+        x = newton if low < newton < high else 0.5 * (low + high)
+    return x
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -390,12 +418,12 @@ def slopes(table: Array, x: Array, source: float, out: Array, jacobian: Array) -
     _links(table, x, source, link)
     for k in range(n):
         onward = k + 1 < n
-        out[k] = (link[3, k] - (link[3, k + 1] if onward else 0.0)) / table[k, VOLUME]
-        jacobian[k, k] = -(link[4, k] + (link[4, k + 1] if onward else 0.0)) * link[1, k] / table[k, VOLUME]
+        out[k] = (link[3, k] - (link[3, k + 1] if onward else 0.0)) * table[k, PER_VOLUME]
+        jacobian[k, k] = -(link[4, k] + (link[4, k + 1] if onward else 0.0)) * link[1, k] * table[k, PER_VOLUME]
         if k > 0:
-            jacobian[k, k - 1] = link[4, k] * link[1, k - 1] / table[k, VOLUME]
+            jacobian[k, k - 1] = link[4, k] * link[1, k - 1] * table[k, PER_VOLUME]
         if onward:
-            jacobian[k, k + 1] = link[4, k + 1] * link[1, k + 1] / table[k, VOLUME]
+            jacobian[k, k + 1] = link[4, k + 1] * link[1, k + 1] * table[k, PER_VOLUME]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -406,3 +434,237 @@ def flows(table: Array, x: Array, source: Array) -> Array:
         _links(table, x[i], source[i], link)
         out[i] = link[3]
     return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def between(state: Array, dense: Array, i: int, a: float, column: int) -> tuple[float, float]:
+    """Return one column of the dense output at share a of step i, and its derivative by a."""
+    y0, y1 = state[i, column], state[i + 1, column]
+    d1, d2, d3 = dense[i, 0, column], dense[i, 1, column], dense[i, 2, column]
+    inner, inner_slope = d1 + a * (d2 + a * d3), d2 + 2.0 * a * d3
+    value = (1.0 - a) * y0 + a * (y1 + (1.0 - a) * inner)
+    return value, y1 - y0 + (1.0 - 2.0 * a) * inner + a * (1.0 - a) * inner_slope
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def crossing(  # noqa: PLR0917
+    state: Array, dense: Array, steps: int, column: int, level: float, rising: bool
+) -> tuple[int, float]:
+    """Return the step, and the share of it, at which a column first passes a level; step -1 if it never does."""
+    sign = 1.0 if rising else -1.0
+    for i in range(steps):
+        if sign * (state[i, column] - level) < 0.0 <= sign * (state[i + 1, column] - level):
+            low, high = 0.0, 1.0
+            a = 0.5
+            for _ in range(60):
+                value, slope = between(state, dense, i, a, column)
+                if sign * (value - level) < 0.0:
+                    low = a
+                else:
+                    high = a
+                newton = a - (value - level) / slope
+                if not low < newton < high:
+                    newton = 0.5 * (low + high)
+                if abs(newton - a) < 1e-15:
+                    break
+                a = newton
+            return i, a
+    return -1, np.nan
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def bounds(table: Array, breaks: Array, pieces: Array) -> tuple[Array, Array]:
+    """Return the states (N,) at rest under the least and the most pressure of a drive.
+
+    The circuit is a monotone system, so every periodic state lies between them.
+    """
+    least, most = np.inf, -np.inf
+    for i in range(len(pieces)):
+        length = breaks[i + 1] - breaks[i]
+        for j in range(9):
+            u = source_at(pieces, i, length * j / 8.0)[0]
+            least, most = min(least, u), max(most, u)
+    n = len(table)
+    lower, upper = np.empty(n), np.empty(n)
+    for k in range(n):
+        lower[k], upper[k] = rest_at(table, k, least), rest_at(table, k, most)
+    return lower, upper
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def balance(table: Array, breaks: Array, pieces: Array, lower: Array, upper: Array) -> Array:
+    """Return the state (N,) at rest under the pressure at which valve 1 lets as much in as out over a cycle.
+
+    That is the periodic state of a fast cycle, but for its ripple.
+    """
+    n = len(table)
+    x = np.empty(n)
+    low, high = pressure(table, 0, lower[0])[0], pressure(table, 0, upper[0])[0]
+    for _ in range(60):
+        middle, inflow = 0.5 * (low + high), 0.0
+        for i in range(len(pieces)):
+            length = breaks[i + 1] - breaks[i]
+            for j in range(8):
+                u = source_at(pieces, i, length * (j + 0.5) / 8.0)[0]
+                inflow += length * plain_flow(table, 0, u - middle)
+        low, high = (middle, high) if inflow > 0.0 else (low, middle)
+    for k in range(n):
+        x[k] = rest_at(table, k, 0.5 * (low + high))
+    return x
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _newton(end: Array, gap: Array) -> Array:
+    """Return (1 - D)^-1 gap for the derivative D of the end state, whose column j is end[(1+j) N : (2+j) N].
+
+    Gauss elimination with row exchanges; numpy's costs seconds to compile. A direction that the
+    cycle does not bring back at all (a shut valve) keeps its gap.
+    """
+    n = len(gap)
+    a, x = np.empty((n, n)), gap.copy()
+    for i in range(n):
+        for j in range(n):
+            a[i, j] = (1.0 if i == j else 0.0) - end[(1 + j) * n + i]
+    for k in range(n):
+        best = k
+        for i in range(k + 1, n):
+            best = i if abs(a[i, k]) > abs(a[best, k]) else best
+        for j in range(n):
+            a[k, j], a[best, j] = a[best, j], a[k, j]
+        x[k], x[best] = x[best], x[k]
+        if abs(a[k, k]) < 1e-12:
+            return gap
+        for i in range(k + 1, n):
+            factor = a[i, k] / a[k, k]
+            for j in range(k, n):
+                a[i, j] -= factor * a[k, j]
+            x[i] -= factor * x[k]
+    for k in range(n - 1, -1, -1):
+        for j in range(k + 1, n):
+            x[k] -= a[k, j] * x[j]
+        x[k] /= a[k, k]
+    return x
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _largest(x: Array) -> float:
+    """Return max |x|; NaN if one is."""
+    most = 0.0
+    for k in range(len(x)):
+        most = abs(x[k]) if not abs(x[k]) <= most else most
+    return most
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def periodic(  # noqa: PLR0917
+    table: Array,
+    breaks: Array,
+    pieces: Array,
+    guess: Array,
+    plain: int,
+    closing: float,
+    settle: float,
+    most_cycles: int,
+    tolerance: float,
+    most: int,
+) -> tuple[int, int, int, float, float, Array, int, int, Array, Array, Array, Array]:
+    """Find the state (N,) that a cycle of the drive brings back, and run that cycle.
+
+    The first `plain` cycles merely go on from the last one's end, as long as each closes ten times
+    better than the one before; `closing` is that ratio where it is known beforehand, else 1. After
+    that Newton's method on x(T) - x(0) = 0, with the exact derivative of x(T) by x(0); a step that
+    does not help is shortened. Stops when the state is known to `settle`: the Newton step, not the
+    gap x(T) - x(0), which at high frequency is far smaller than the error.
+
+    Returns status, where, cycles run, the error of the state, that ratio, the state, then what
+    `integrate` returns of the last cycle from its steps on. Not settled: the error is above `settle`.
+    """
+    n = len(table)
+    lower, upper = bounds(table, breaks, pieces)
+    x, step, gap = guess.copy(), np.zeros(n), np.zeros(n)
+    sensitive, before, error, share, cycle = plain == 0, np.inf, np.inf, 1.0, 0
+    while True:
+        columns = n + n * n if sensitive else n
+        start = np.zeros(columns)
+        for k in range(n):
+            x[k] = min(max(x[k], lower[k]), upper[k])
+            start[k] = x[k]
+            if sensitive:
+                start[n + k * n + k] = 1.0
+        tangent = np.zeros((n if sensitive else 0, 2 * n))
+        found = integrate(table, breaks, pieces, start, tangent, tolerance, most)
+        cycle += 1
+        if found[0] != DONE:
+            return found[0], found[1], cycle, np.inf, closing, x, *found[2:]
+        end = found[6][found[2]]
+        for k in range(n):
+            gap[k] = end[k] - x[k]
+        size, newton = _largest(gap), gap
+        if sensitive and np.isfinite(_largest(end)):
+            newton = _newton(end, gap)
+            error = _largest(newton)
+        else:
+            closing = closing if cycle == 1 else size / before
+            doubt = 4.0 if cycle == 1 else 1.0  # what was known beforehand may be somewhat wrong here
+            error = doubt * size / (1.0 - closing) if closing < 0.5 else (np.inf if size > 0.0 else 0.0)
+        if error <= settle or cycle >= most_cycles:
+            return found[0], found[1], cycle, error, closing, x, *found[2:]
+        if sensitive and not size < before and share > 0.2:  # too far: take back all but a quarter of the last step
+            share *= 0.25
+            for k in range(n):
+                x[k] -= 0.75 * step[k]
+                step[k] *= 0.25
+            continue
+        share = 1.0
+        for k in range(n):
+            step[k] = newton[k]
+            x[k] += step[k]
+        sensitive = sensitive or cycle >= plain or (cycle > 1 and not size < 0.1 * before)
+        before = size
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def many(  # noqa: PLR0917
+    tables: Array,
+    breaks: Array,
+    pieces: Array,
+    columns: Integers,
+    levels: Array,
+    watched: int,
+    settle: float,
+    most_cycles: int,
+    tolerance: float,
+    most: int,
+) -> tuple[Array, Array, Integers]:
+    """Bring many circuits (C, N, W) under drives (C, m+1), (C, m, 4) to their periodic states, and find events.
+
+    Event j is state column columns[j] passing levels[1, j], upwards where levels[0, j] > 0. Each
+    circuit starts from the states of the three before, so neighbours should be alike. Returns
+    event times (C, events), the watched column then, and per circuit cycles run, negative if it failed.
+    """
+    count, n = len(tables), tables.shape[1]
+    events = len(columns)
+    times, values = np.full((count, events), np.nan), np.full((count, events), np.nan)
+    cycles = np.zeros(count, np.int64)
+    lower, upper = bounds(tables[0], breaks[0], pieces[0])
+    guess, known = balance(tables[0], breaks[0], pieces[0], lower, upper), 0
+    last, closing = np.empty((3, n)), 1.0
+    for c in range(count):
+        if known > 0:
+            for k in range(n):
+                guess[k] = last[0, k] if known < 3 else 3.0 * (last[0, k] - last[1, k]) + last[2, k]
+        status, _, run, error, closing, _, steps, _, time, width, state, dense = periodic(
+            tables[c], breaks[c], pieces[c], guess, most_cycles, closing, settle, most_cycles, tolerance, most
+        )
+        if status != DONE or error > settle:
+            cycles[c], known = -run, 0
+            continue
+        cycles[c], known = run, known + 1
+        for k in range(n):
+            last[2, k], last[1, k], last[0, k] = last[1, k], last[0, k], state[steps, k]
+        for j in range(events):
+            i, a = crossing(state, dense, steps, columns[j], levels[1, j], levels[0, j] > 0.0)
+            if i >= 0:
+                times[c, j] = time[i] + a * width[i]
+                values[c, j] = between(state, dense, i, a, watched)[0]
+    return times, values, cycles

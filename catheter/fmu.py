@@ -26,7 +26,7 @@ TOLERANCE = 1e-8  # of co-simulation: local error of V/V_rest
 NAMESPACE = uuid.UUID("5d0cbcd5-64c5-4b5f-8b8e-0f1e1b0a7c11")
 _SOURCE = Path(__file__).with_name("circuit.c")
 _PARAMETERS = {
-    "volume": (kernel.VOLUME, "m3", "volume at rest"),
+    "volume": (kernel.PER_VOLUME, "m3", "volume at rest"),
     "K": (kernel.FLOW, "m3/(s.Pa0.5)", "flow coefficient of the valve before the segment"),
     "transition": (kernel.TRANSITION, "Pa", "pressure drop at which the flow turns turbulent, or over which it opens"),
     "forward": (kernel.FORWARD, "Pa", "forward cracking pressure"),
@@ -66,7 +66,7 @@ def _header(circuit: Circuit) -> str:
     """Return circuit_table.h: the circuit and the Rosenbrock method, every digit of every number."""
     table = circuit.table()
     start = circuit.volume() - 1.0
-    parameters = table[:, [column for column, _, _ in _PARAMETERS.values()]].T
+    parameters = _values(circuit)
     arrays = {
         "STATES_AT_START[SEGMENTS]": start,
         f"PARAMETERS[{len(parameters)}][SEGMENTS]": parameters,
@@ -81,6 +81,13 @@ def _header(circuit: Circuit) -> str:
     lines = ["#include <math.h>", *(f"#define {name} {value!r}" for name, value in numbers.items())]
     lines += [f"static const double {name} = {_braces(values)};" for name, values in arrays.items()]
     return "\n".join(lines) + "\n"
+
+
+def _values(circuit: Circuit) -> Array:
+    """Return the parameters' values, one row each (k, N)."""
+    values = circuit.table()[:, [column for column, _, _ in _PARAMETERS.values()]].T
+    values[0] = [segment.accumulator.rest_volume for segment in circuit.segments]  # the table holds 1/volume
+    return np.asarray(values)
 
 
 def _braces(values: Array) -> str:
@@ -113,8 +120,7 @@ def _description(circuit: Circuit, guid: str) -> ElementTree.Element:
 
 def _variables(circuit: Circuit, root: ElementTree.Element) -> None:
     variables = ElementTree.SubElement(root, "ModelVariables")
-    table, start = circuit.table(), circuit.volume() - 1.0
-    reference, size = count(), len(table)
+    start, reference, size = circuit.volume() - 1.0, count(), len(circuit.segments)
 
     def add(name: str, what: str, kind: dict[str, str], unit: str, **more: str) -> None:
         attributes = {"name": name, "valueReference": str(next(reference)), "description": what, **kind}
@@ -134,9 +140,9 @@ def _variables(circuit: Circuit, root: ElementTree.Element) -> None:
         for k in range(size):
             add(f"{name}[{k + 1}]", what, output, unit)
     fixed = {"causality": "parameter", "variability": "fixed", "initial": "exact"}
-    for name, (column, unit, what) in _PARAMETERS.items():
+    for row, (name, (_, unit, what)) in zip(_values(circuit), _PARAMETERS.items(), strict=True):
         for k in range(size):
-            add(f"{name}[{k + 1}]", what, fixed, unit, start=repr(float(table[k, column])))
+            add(f"{name}[{k + 1}]", what, fixed, unit, start=repr(float(row[k])))
     structure = ElementTree.SubElement(root, "ModelStructure")
     derivatives, outputs = range(size + 2, 2 * size + 2), range(2 * size + 2, 5 * size + 2)
     groups = {"Outputs": [*outputs], "Derivatives": [*derivatives], "InitialUnknowns": [*derivatives, *outputs]}

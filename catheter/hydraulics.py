@@ -108,7 +108,7 @@ class Run:
         return found
 
     def accounting_error(self) -> float:
-        """Return |inflow - stored| over the first rest volume: a check that shares nothing with the steps.
+        """Return |inflow - stored| over the largest volume there was: a check that shares nothing with the steps.
 
         The inflow is Gauss-Legendre quadrature (16 points in each step) of the first valve's flow,
         taken from the dense output; stored is the change of all volumes.
@@ -118,7 +118,7 @@ class Run:
         times = (self.time_s[:-1, None] + width[:, None] * (nodes + 1) / 2).ravel()
         inflow = float((self.flow_m3_s(times)[:, 0].reshape(-1, 16) @ weights * width / 2).sum())
         rest = np.array([segment.accumulator.rest_volume for segment in self.circuit.segments])
-        return abs(inflow - float((self.volume[-1] - self.volume[0]) @ rest)) / float(rest[0])
+        return abs(inflow - float((self.volume[-1] - self.volume[0]) @ rest)) / float((self.volume * rest).max())
 
 
 def simulate(circuit: Circuit, drive: Drive, start: ArrayLike | None = None, solver: Solver | None = None) -> Run:
@@ -139,19 +139,20 @@ def _ours(circuit: Circuit, drive: Drive, begin: Array, solver: Solver) -> Run:
     from catheter.circuit_kernel import integrate
 
     n = len(begin)
-    status, where, steps, tried, time, width, state, dense = integrate(
-        circuit.table(),
-        drive.breaks_s,
-        drive.pieces,
-        begin - 1.0,
-        np.zeros((0, 2 * n)),
-        solver.tolerance,
-        solver.most_steps,
+    none = np.zeros((0, 2 * n))
+    found = integrate(
+        circuit.table(), drive.breaks_s, drive.pieces, begin - 1.0, none, solver.tolerance, solver.most_steps
     )
-    refuse(
-        status, where, float(time[steps - 1] + width[steps - 1]) if steps else float(drive.breaks_s[0]), tried, solver
-    )
-    time, width, state, dense = time[:steps], width[:steps], state[: steps + 1], dense[:steps]
+    return run_of(circuit, drive, solver, found)
+
+
+def run_of(circuit: Circuit, drive: Drive, solver: Solver, found: tuple[Any, ...]) -> Run:
+    """Return what the compiled integrator returned as a Run; raises DidNotConverge where it gave up."""
+    status, where, steps, tried, time, width, state, dense = found
+    time, width = time[:steps], width[:steps]
+    refuse(status, where, float(time[-1] + width[-1]) if steps else float(drive.breaks_s[0]), tried, solver)
+    n = len(circuit.segments)
+    state, dense = state[: steps + 1, :n], dense[:steps, :, :n]
 
     def between(times: Array) -> Array:
         i = np.clip(np.searchsorted(time, times, side="right") - 1, 0, steps - 1)

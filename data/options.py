@@ -1,5 +1,6 @@
 """Frozen dataclasses read from TOML: units converted, unknown keys and impossible values refused."""
 
+import json
 import math
 import tomllib
 import types
@@ -135,3 +136,21 @@ def _check(value: Any, metadata: Mapping[str, Any], place: str) -> None:
         raise BadInput(place, f"is {value:g} {unit}".rstrip(), f"expected at most {most:g} {unit}".rstrip())
     if choices and value not in choices:
         raise BadInput(place, f"is {value!r}", nearest(str(value), choices))
+
+
+def to_toml(tables: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return TOML text of tables of texts, numbers, booleans and lists of these; floats keep every digit."""
+    lines = []
+    for name, table in tables.items():
+        lines += [f"[{name}]", *(f"{key} = {_toml(value)}" for key, value in table.items()), ""]
+    return "\n".join(lines)
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return repr(float(value)) if isinstance(value, float) else str(value)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from data.errors import BadInput
 from sysid.nonnegative import solve, triangle
-from sysid.terms import Experiment, Other, Play, Power, Stop, Term, VelocitySign
+from sysid.terms import Branch, Experiment, Other, Play, Power, Stop, Term, VelocitySign
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -31,6 +31,12 @@ class Model:
     def terms(self) -> tuple[Term, ...]:
         """All terms, free ones first."""
         return self.free + self.nonnegative
+
+
+# Two models in one: each branch with a constant and a cubic of its own (thesis 3.3.5 asks for them).
+TWO_BRANCHES = Model(
+    "cubic, rising and falling apart", tuple(Branch(n, rising) for rising in (True, False) for n in range(4))
+)
 
 
 @dataclass(frozen=True)

@@ -93,6 +93,24 @@ class VelocitySign:
 
 
 @dataclass(frozen=True)
+class Branch:
+    """x^n while x rises, else 0 (or while it falls): one branch of separate inflating and deflating models."""
+
+    exponent: int
+    rising: bool
+
+    @property
+    def name(self) -> str:
+        """How reports print the term."""
+        return f"{Power(self.exponent).name} {'rising' if self.rising else 'falling'}"
+
+    def column(self, experiment: Experiment) -> Array:
+        """Return the regressor, (n,)."""
+        rises = experiment.velocity >= 0
+        return np.where(rises == self.rising, experiment.input**self.exponent, 0.0)
+
+
+@dataclass(frozen=True)
 class Play:
     """The play operator whose radius is a share of the input's span."""
 
@@ -124,4 +142,4 @@ class Stop:
         return stop(experiment.input, self.share * experiment.span)[:, 0]
 
 
-Term = Power | Other | VelocitySign | Play | Stop
+Term = Power | Other | VelocitySign | Branch | Play | Stop

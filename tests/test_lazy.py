@@ -25,13 +25,16 @@ def loaded(code: str) -> set[str]:
         ("import data.csv_import", set()),
         ("import catheter.bench", set()),
         ("import catheter.search, catheter.refine, catheter.locomotion, catheter.valve", set()),
+        ("import catheter.bench_runs", set()),
+        ("import catheter.lab.fit_commands", set()),
         ("import catheter.lab.cli", set()),
         ("import catheter.lab.scene", set()),
         ("import catheter.lab.replay", set()),
         ("import sysid.fit", {"numba", "scipy"}),  # numba itself asks whether scipy is there
         ("from catheter.lab.scene import Scene; Scene.load('bender')", {"pint", "scipy"}),  # and so does pint
         (
-            "from catheter.lab.scene import Scene; from catheter.search import search\nsearch(Scene.load('free').task)",
+            "from catheter.lab.scene import Scene; from catheter.search import search\n"
+            "search(Scene.load('free').tables['task'])",
             {"pint", "scipy"},
         ),
         (

@@ -5,9 +5,10 @@ import pytest
 
 from catheter.free import Infeasible, inflate, lock
 from catheter.helix import design
-from catheter.locomotion import Events, Grip, events, stroke
+from catheter.locomotion import Events, at_events, events, stroke
 from catheter.robot import MAGIC, Extender, Rubber, contact, extender_sweep, layout, pressure, published
 from catheter.task import DEGREE, Task
+from catheter.tuning import Marks
 from data.errors import BadInput, CatheterError
 
 DEG = np.pi / 180
@@ -26,11 +27,11 @@ PUBLISHED = Events(rear_grips_s=0.03, front_touches_s=0.17, rear_lets_go_s=1.02,
 
 
 def test_stroke_at_the_published_times() -> None:
-    long = stroke(CYCLE[:, 0], CYCLE[:, 2], PUBLISHED, Extender(length=0.3))
+    long = stroke(at_events(CYCLE[:, 0], CYCLE[:, 2], PUBLISHED), Extender(length=0.3))
     assert 1e3 * long.stroke_m == pytest.approx(99.6, abs=0.06)
     assert 1e3 * long.pull_m == pytest.approx(89.5, abs=0.06)
     assert long.inferred == ""
-    default = stroke(CYCLE[:, 0], CYCLE[:, 2], PUBLISHED)
+    default = stroke(at_events(CYCLE[:, 0], CYCLE[:, 2], PUBLISHED))
     assert default.stroke_m == pytest.approx(long.stroke_m / 3, rel=1e-12)  # proportional to the length
     assert "inferred" in default.inferred
 
@@ -39,7 +40,7 @@ def test_events_are_the_crossings() -> None:
     time = np.linspace(0, 2, 20_001)
     wave = 1.2 + 0.15 * np.sin(np.pi * (time - 0.25))  # 1.05 to 1.35
     later = 1.2 + 0.15 * np.sin(np.pi * (time - 0.45))
-    found = events(time, np.stack([wave, wave, later], axis=1), Grip(anchored=1.3, contact=1.12))
+    found = events(time, np.stack([wave, wave, later], axis=1), Marks(anchored=1.3, contact=1.12))
 
     def rises(level: float, lag: float) -> float:
         return lag + np.arcsin((level - 1.2) / 0.15) / np.pi
@@ -49,7 +50,7 @@ def test_events_are_the_crossings() -> None:
     assert found.rear_lets_go_s == pytest.approx(0.25 + 1 - (rises(1.12, 0.0)), abs=1e-8)
     assert found.front_slips_s == pytest.approx(0.45 + 1 - (rises(1.3, 0.0)), abs=1e-8)
     with pytest.raises(CatheterError, match=r"C: Act 3 never fills up to V = 1.4 \(it spans 1.0500 to 1.3500\)"):
-        events(time, np.stack([wave, wave, later], axis=1), Grip(anchored=1.3, contact=1.4))
+        events(time, np.stack([wave, wave, later], axis=1), Marks(anchored=1.3, contact=1.4))
 
 
 def test_bad_cycles_are_refused() -> None:
@@ -58,13 +59,15 @@ def test_bad_cycles_are_refused() -> None:
         with pytest.raises(BadInput):
             events(bad_time, bad_volumes)
     with pytest.raises(BadInput, match="lie from 0.03 to 5 s"):
-        stroke(time, volumes[:, 1], Events(**vars(PUBLISHED) | {"front_slips_s": 5.0}))
+        at_events(time, volumes[:, 1], Events(**vars(PUBLISHED) | {"front_slips_s": 5.0}))
     with pytest.raises(BadInput, match="lie from -1 to"):
-        stroke(time, volumes[:, 1], Events(**vars(PUBLISHED) | {"rear_grips_s": -1.0}))
+        at_events(time, volumes[:, 1], Events(**vars(PUBLISHED) | {"rear_grips_s": -1.0}))
     with pytest.raises(Infeasible, match="they lock at"):
-        stroke(time, volumes[:, 1], PUBLISHED, Extender(angle=71 * DEG))
+        stroke(at_events(time, volumes[:, 1], PUBLISHED), Extender(angle=71 * DEG))
     with pytest.raises(BadInput):
-        stroke(time, volumes, PUBLISHED)
+        at_events(time, volumes, PUBLISHED)
+    with pytest.raises(BadInput, match="expected those at B, C, E and F"):
+        stroke([1.1, 1.2])
 
 
 def test_contact_is_where_the_tube_first_touches() -> None:

@@ -67,3 +67,17 @@ def test_hysteresis_report_on_the_shipped_recording(tmp_path: Path, capsys) -> N
     found = json.loads(capsys.readouterr().out)
     by_level = {row["level"]: row["error"] for row in found["rows"] if row["method"].startswith("stop")}
     assert by_level["5"] < by_level["1"]
+
+
+def test_selection_report_agrees_with_direct_solution_and_is_far_faster(tmp_path: Path, capsys) -> None:
+    assert cli.run(["report", "selection", "--quick", "--json", "--out", str(tmp_path)]) == 0
+    ours, loop = json.loads(capsys.readouterr().out)["rows"]
+    assert ours["error"] < 1e-8
+    assert ours["seconds"] < loop["seconds"] / 10
+
+
+def test_recordings_report_shows_in_sample_and_held_out(tmp_path: Path, capsys) -> None:
+    assert cli.run(["report", "sysid-recordings", "--quick", "--json", "--out", str(tmp_path)]) == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    assert [row["level"] for row in rows][:3] == ["in-sample", "every other tenth held out", "second half held out"]
+    assert all(0 < row["error"] < 1 for row in rows)

@@ -12,8 +12,9 @@ TEXT = '[scene]\nkind = "bender"\ntitle = "t"\n'
 
 def test_quantities_are_converted_and_the_rest_takes_its_defaults() -> None:
     scene = Scene.parse(TEXT + '[drive]\namplitude = "2 V"\nlevels = 3\n[bench]\nstroke_volume = "10 mL"\n', "here")
-    assert (scene.drive.amplitude, scene.drive.levels, scene.drive.fill) == (2.0, 3, 12.0)
-    assert scene.bench.stroke_volume == pytest.approx(1e-5, rel=1e-15)
+    drive = scene.tables["drive"]
+    assert (drive.amplitude, drive.levels, drive.fill) == (2.0, 3, 12.0)
+    assert scene.tables["bench"].stroke_volume == pytest.approx(1e-5, rel=1e-15)
 
 
 @pytest.mark.parametrize("name", names())

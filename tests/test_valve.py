@@ -126,7 +126,7 @@ def test_the_command_lists_interpolates_and_chooses(capsys, tmp_path) -> None:
     assert out.count("FAILS") == 6
     code, out, _ = run("--angle", "35 deg", "--thickness", "0.075 inch", "--json")
     assert json.loads(out)["cone"]["ratio"] == pytest.approx(3.82, abs=5e-3)
-    code, out, _ = run("valve", "--json")
+    code, out, _ = run("cone", "--json")
     assert json.loads(out)["cone"]["ratio"] == pytest.approx(2.0, abs=0.06)
     for arguments, said in (
         (("--angle", "35 deg"), "give both"),

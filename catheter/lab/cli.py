@@ -14,16 +14,19 @@ from typing import Any, NoReturn
 from data.errors import BadInput, CatheterError, RecordingCut
 
 COMMANDS = {  # what each is for, and the module that does it: NAME_options(parser) and NAME_(options)
-    "replay": ("show a recording: signals, hysteresis loops, models against measurement", "recording_commands"),
-    "check": ("read all of a recording and say what is sound, what is lost, and where", "recording_commands"),
-    "import": ("turn a laboratory's text log into a recording", "recording_commands"),
-    "record": ("simulate a scene and record it, marked as simulated", "recording_commands"),
-    "report": ("error against run time, as CSV, table and picture", "report_commands"),
-    "table": ("print a table of the thesis, with units and source", "report_commands"),
     "free": ("search the fibre angles of a spiral (default: the thesis's task)", "design"),
     "valve": ("list the conical valves, interpolate one, or choose one", "design"),
     "twist": ("twist from a video, a folder of pictures or a recording's camera", "twist_command"),
+    "run": ("run a scene of the robot: events, objective and stroke beside the published values", "circuit_commands"),
+    "tune": ("find the best valves: the thesis's map, and the optimum next to its best cell", "circuit_commands"),
     "fmu": ("write the robot's hydraulic circuit as an FMU for other tools, and try it", "fmu_command"),
+    "record": ("simulate a scene and record it, marked as simulated", "recording_commands"),
+    "import": ("turn a laboratory's text log into a recording", "recording_commands"),
+    "check": ("read all of a recording and say what is sound, what is lost, and where", "recording_commands"),
+    "replay": ("show a recording: signals, hysteresis loops, models against measurement", "recording_commands"),
+    "fit": ("identify a model from a recording, with its uncertainty, as a small TOML", "fit_commands"),
+    "report": ("error against run time, as CSV, table and picture", "report_commands"),
+    "table": ("print a table of the thesis, with units and source", "report_commands"),
 }
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from catheter.lab.report import Progress, Row
+from catheter.lab.report import Progress, Report, Row
 from data.errors import BadInput, DamagedRecording, RecordingCut
 from data.inspection import inspect
 from data.recorder import Recorder
@@ -70,6 +70,19 @@ KINDS: dict[str, Damage] = {
     "a piece copied elsewhere": _splice,
     "a length that lies": _lie,
 }
+
+
+def damage(*, quick: bool, progress: Progress) -> Report:
+    """Damaged copies of a recording: how many are read as something else without a word."""
+    rows, notes = damage_rows(100 if quick else 2_500, progress)
+    return Report(
+        name="damage",
+        title="Damaged copies of a recording: read wrongly in silence, or not reported by `check`",
+        level="copies",
+        error="silent",
+        rows=rows,
+        notes=notes,
+    )
 
 
 def damage_rows(count: int, progress: Progress) -> tuple[list[Row], list[str]]:

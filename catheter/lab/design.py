@@ -69,7 +69,7 @@ def _asked(options: argparse.Namespace) -> tuple["Scene", "Task"]:
         if text is not None:
             given[each.name] = text if each.metadata["unit"] or each.metadata["choices"] else _number(each.name, text)
     checked = read(Task, given, "command line")
-    return scene, replace(scene.task, **{name: getattr(checked, name) for name in given})
+    return scene, replace(scene.tables["task"], **{name: getattr(checked, name) for name in given})
 
 
 def _number(name: str, text: str) -> float:
@@ -93,10 +93,10 @@ def free_(options: argparse.Namespace) -> "Outcome":
         polished: Polish | str = polish(task, found.ties[0])
     except CatheterError as error:
         polished = f"no continuous optimum: {error}"
-    suffers = tolerance(task, found.best, scene.scatter)
-    values = search_values(found, polished, suffers) | robot_values(task, found.best, scene.extender)
+    suffers = tolerance(task, found.best, scene.tables["scatter"])
+    values = search_values(found, polished, suffers) | robot_values(task, found.best, scene.tables["extender"])
     parts = [*search_parts(scene, found, polished), *tolerance_parts(suffers)]
-    outcome = Outcome(values, parts + robot_parts(task, found.best, scene.extender))
+    outcome = Outcome(values, parts + robot_parts(task, found.best, scene.tables["extender"]))
     if options.pareto:
         _add_front(outcome, task)
     if options.out:

@@ -20,7 +20,7 @@ from data.errors import CatheterError
 DESIGN = {"volume_ratio": 1.3, "radius": 5e-3, "length": 0.3}
 
 
-def free(quick: bool, progress: Progress) -> Report:
+def free(*, quick: bool, progress: Progress) -> Report:
     """Time whole grids beside a plain loop over designs, on a sample of them that both must agree on."""
     task = Task()
     angles, field = cost_field(task)
@@ -127,14 +127,14 @@ def residual(found: Design) -> float:
     return float(np.max(np.abs([*fibres, found.axial * found.radial**2 / found.volume_ratio - 1])))
 
 
-def stability(quick: bool, progress: Progress) -> Report:
+def free_stability(*, quick: bool, progress: Progress) -> Report:
     """Solve or refuse the extreme cases, and count what plain Newton loses."""
     rows = [_solved(*case) for case in cases()]
     progress(0.5)
     lost, notes = _lost()
     progress(1.0)
     return Report(
-        name="stability-free",
+        name="free-stability",
         title="Extreme designs: solved to their residual, or refused",
         level="case",
         error="residual, or pairs lost",

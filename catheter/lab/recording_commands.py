@@ -13,6 +13,7 @@ from data.units import UNDOCUMENTED
 
 if TYPE_CHECKING:
     from catheter.lab.replay import LoopFamily, Replay
+    from catheter.lab.scene import Scene
 
 SHIPPED = Path(__file__).parents[2] / "data" / "recordings" / "bender.mcap"
 
@@ -48,8 +49,9 @@ def import_options(parser: argparse.ArgumentParser) -> None:
 
 def record_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `record`."""
-    parser.add_argument("scene", help="a shipped scene (bender), or a .toml file")
+    parser.add_argument("scene", help="a shipped scene (such as bender or chirp), or a .toml file")
     parser.add_argument("--out", metavar="FILE.mcap", required=True, help="the recording to write")
+    parser.add_argument("--pwm", metavar="FILE.csv", help="also write time and PWM for the bench's Arduino")
     parser.add_argument("--force", action="store_true", help="overwrite the output")
 
 
@@ -70,8 +72,8 @@ def replay_(options: argparse.Namespace) -> Outcome:
         raise BadInput("--picture", f"is {picture}, as --out", "name two files")
     with Recording(source) as recording:
         replayed = Replay(recording, _ask(options, recording))
-        outcome = Outcome(_replay_values(replayed))
-        outcome.parts = list(_replay_parts(replayed))
+        outcome = Outcome(replay_values(replayed))
+        outcome.parts = list(replay_parts(replayed))
         if not options.no_view:
             _save_view(replayed, out, picture, options.force)
             outcome.values |= {"view": str(out), "picture": str(picture) if picture else None}
@@ -109,7 +111,8 @@ def _save_view(replayed: "Replay", out: Path, picture: Path | None, force: bool)
             save_picture(out, temporary)
 
 
-def _replay_values(replayed: "Replay") -> dict[str, Any]:
+def replay_values(replayed: "Replay") -> dict[str, Any]:
+    """Return what a replay found, for scripts."""
     recording, ask = replayed.recording, replayed.ask
     return {
         "recording": str(recording.path),
@@ -154,7 +157,8 @@ def _area_si(family: "LoopFamily") -> str:
     return family.unit if family.x.documented and family.y.documented else UNDOCUMENTED
 
 
-def _replay_parts(replayed: "Replay") -> Iterator[Any]:
+def replay_parts(replayed: "Replay") -> Iterator[Any]:
+    """Yield what a replay found, for people."""
     from catheter.lab.display import area_unit, shown_unit
 
     recording = replayed.recording
@@ -253,8 +257,20 @@ def record_(options: argparse.Namespace) -> Outcome:
 
     out = Path(options.out)
     check_inputs(out, Path(options.scene))
-    run = record(Scene.load(options.scene), out, overwrite=options.force)
+    scene = Scene.load(options.scene)
+    parts = [_pwm(scene, Path(options.pwm), options.force)] if options.pwm else []
+    run = record(scene, out, overwrite=options.force)
     return Outcome(
-        {"recording": str(out), "kind": "simulated", "samples": len(run.time_s)},
-        [f"{out} written (simulated): {len(run.time_s)} samples, {run.time_s[-1]:.1f} s"],
+        {"recording": str(out), "kind": "simulated", "samples": len(run.time_s), "pwm": options.pwm},
+        [f"{out} written (simulated): {len(run.time_s)} samples, {run.time_s[-1]:.1f} s", *parts],
     )
+
+
+def _pwm(scene: "Scene", path: Path, force: bool) -> str:
+    from sysid.excitation import Excitation, write_pwm_csv
+
+    drive = scene.tables.get("drive")
+    if not isinstance(drive, Excitation):
+        raise BadInput("--pwm", f"a {scene.heading.kind} scene has no voltage signal", "name a chirp, ramp or the like")
+    rows = write_pwm_csv(path, drive, rate_hz=scene.tables["sensors"].rate, replace=force)
+    return f"{path} written: {rows} rows of time and PWM"

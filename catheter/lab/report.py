@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from data.errors import BadInput, CannotWrite, CatheterError
+from data.errors import CannotWrite, CatheterError
 from data.files import fresh
 
 Progress = Callable[[float], None]
@@ -63,7 +63,7 @@ def measure(method: str, level: str, solve: Callable[[], object], error_of: Call
             answer = solve()
         except (CatheterError, ValueError, RuntimeError, ArithmeticError, np.linalg.LinAlgError) as error:
             spent = time.perf_counter() - started
-            return Row(method=method, level=level, error=math.nan, seconds=spent, failed=f"failed: {error}"[:60])
+            return Row(method=method, level=level, error=math.nan, seconds=spent, failed=f"failed: {error}"[:200])
         spent = time.perf_counter() - started
         seconds, total = min(seconds, spent), total + spent
         if total > 0.5:
@@ -137,9 +137,12 @@ def _draw(report: Report, path: Path) -> None:
 
 def _plot_errors(report: Report, figure: Any) -> None:
     axes = figure.add_subplot()
-    for marker, method in zip("osD^v<>pXh" * 3, dict.fromkeys(row.method for row in report.rows), strict=False):
+    methods = list(dict.fromkeys(row.method for row in report.rows))
+    figure.set_size_inches(8, 5 + 0.12 * len(methods))
+    for index, method in enumerate(methods):
         rows = [row for row in report.rows if row.method == method and math.isfinite(row.error)]
-        axes.loglog([r.seconds for r in rows], [r.error for r in rows], marker=marker, label=method)
+        style = {"marker": "osD^v<>pXh"[index % 10], "linestyle": ("-", "--", ":")[index // 10 % 3]}
+        axes.loglog([r.seconds for r in rows], [r.error for r in rows], label=method, **style)
     if any(row.error == 0 for row in report.rows):  # exact answers have no place on a logarithmic axis
         least = min((row.error for row in report.rows if row.error > 0), default=1.0)
         axes.set_yscale("symlog", linthresh=least)
@@ -147,107 +150,4 @@ def _plot_errors(report: Report, figure: Any) -> None:
     axes.set_ylabel(report.error)
     axes.set_title(report.title, fontsize=10, parse_math=False)
     axes.grid(visible=True, which="both", alpha=0.3)
-    axes.legend(fontsize=8)
-
-
-def _refuse(recording: str | None, name: str) -> None:
-    if recording is not None:
-        raise BadInput("--recording", f"given for the {name} report", "it makes its own data")
-
-
-def regression(*, quick: bool, recording: str | None, progress: Progress) -> Report:
-    """Non-negative least squares on a bender's chirp whose weights are known exactly."""
-    _refuse(recording, "regression")
-    from catheter.lab.studies import regression_rows
-
-    return Report(
-        name="regression",
-        title="Non-negative least squares, 10 terms of a bender's chirp: error against run time",
-        level="samples",
-        error="relative error",
-        rows=regression_rows((1_000, 10_000) if quick else (1_000, 10_000, 149_400), progress),
-        notes=["Truth: force made from known weights, without noise; terms of thesis eq. 3.28 in SI."],
-    )
-
-
-def hysteresis(*, quick: bool, recording: str | None, progress: Progress) -> Report:
-    """Models with memory by number of operators, on a recording."""
-    from catheter.lab.studies import hysteresis_rows
-
-    counts = (1, 3, 5, 9) if quick else (1, 2, 3, 4, 5, 7, 10, 15, 20)
-    rows, what = hysteresis_rows(recording, counts, progress)
-    return Report(
-        name="hysteresis",
-        title=f"Models with memory, {what}",
-        level="operators",
-        error="RMSE held out",
-        rows=rows,
-        notes=["A replay uses 5 operators."],
-    )
-
-
-def recordings(*, quick: bool, recording: str | None, progress: Progress) -> Report:
-    """Reading and writing recordings: ours beside the plain mcap and protobuf decoder, on the same files."""
-    _refuse(recording, "recordings")
-    from catheter.lab.throughput import recording_rows
-
-    rows, notes = recording_rows((2_000, 20_000) if quick else (10_000, 100_000, 400_000), progress)
-    return Report(
-        name="recordings",
-        title="Recordings of 8 doubles a message, zstd, checksums on: error against run time",
-        level="messages",
-        error="differing bits",
-        rows=rows,
-        notes=notes,
-    )
-
-
-def damage(*, quick: bool, recording: str | None, progress: Progress) -> Report:
-    """Damaged copies of a recording: how many are read as something else without a word."""
-    _refuse(recording, "damage")
-    from catheter.lab.damage import damage_rows
-
-    rows, notes = damage_rows(100 if quick else 2_500, progress)
-    return Report(
-        name="damage",
-        title="Damaged copies of a recording: read wrongly in silence, or not reported by `check`",
-        level="copies",
-        error="silent",
-        rows=rows,
-        notes=notes,
-    )
-
-
-def _design(name: str) -> Callable[..., Report]:
-    """Return a report on the kinematic design, whose study is imported when it is asked for."""
-
-    def made(*, quick: bool, recording: str | None, progress: Progress) -> Report:
-        _refuse(recording, name)
-        from catheter.lab import free_study, valve_study
-
-        studies = {"free": free_study.free, "stability-free": free_study.stability, "valves": valve_study.valves}
-        return studies[name](quick, progress)
-
-    return made
-
-
-def _vision(name: str) -> Callable[..., Report]:
-    """Return a report on vision, whose study is imported when it is asked for."""
-
-    def made(*, quick: bool, recording: str | None, progress: Progress) -> Report:
-        _refuse(recording, name)
-        from catheter.lab.vision_study import STUDIES
-
-        return STUDIES[name](quick, progress)
-
-    return made
-
-
-REPORTS: dict[str, Callable[..., Report]] = {
-    "regression": regression,
-    "hysteresis": hysteresis,
-    "recordings": recordings,
-    "damage": damage,
-    **{name: _design(name) for name in ("free", "stability-free", "valves")},
-    **{name: _vision(name) for name in ("twist", "twist-stress", "camera-clock")},
-}
+    figure.legend(loc="outside lower center", ncols=2, fontsize=8)

@@ -1,21 +1,50 @@
 """The commands that print: reports and the thesis's tables."""
 
 import argparse
+from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from catheter.lab.outcome import Outcome, progress, table
 from catheter.lab.recording_commands import SHIPPED
+from data.errors import BadInput
 from data.files import check_free, check_inputs
+
+if TYPE_CHECKING:
+    from catheter.lab.report import Report
+
+STUDIES = {  # the module of each report; the function has its name, with "_" for "-"
+    "regression": "studies",
+    "hysteresis": "studies",
+    "recordings": "throughput",
+    "damage": "damage",
+    "free": "free_study",
+    "free-stability": "free_study",
+    "valves": "valve_study",
+    "derivatives": "sysid_study",
+    "selection": "sysid_study",
+    "identification": "sysid_study",
+    "sysid-recordings": "sysid_study",
+    "sysid-stability": "sysid_study",
+    "hydraulics": "circuit_study",
+    "hydraulics-stability": "circuit_study",
+    "twist": "vision_study",
+    "twist-stress": "vision_stress",
+    "camera-clock": "clock_study",
+}
+
+
+WITH_PEERS = ("hydraulics",)  # reports that can run other tools beside ours
 
 
 def report_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `report`."""
-    from catheter.lab.report import REPORTS
-
-    parser.add_argument("name", choices=REPORTS, help="which report")
+    parser.add_argument("name", choices=STUDIES, help="which report")
     parser.add_argument("--recording", metavar="FILE.mcap", help="for hysteresis: judge on this recording")
     parser.add_argument("--out", metavar="FOLDER", default="out", help="the folder to write to (default: out)")
     parser.add_argument("--force", action="store_true", help="overwrite an earlier report")
+    parser.add_argument("--peers", action="store_true", help="also run other tools, installed into the cache folder")
     parser.add_argument("--quick", action="store_true", help="fewer levels, seconds instead of minutes")
 
 
@@ -33,13 +62,28 @@ def report_(options: argparse.Namespace) -> Outcome:
         check_inputs(path, Path(options.recording or SHIPPED))
         check_free(path, options.force) if folder.exists() else None
     with progress(options.name) as advance:
-        made = report.REPORTS[options.name](quick=options.quick, recording=options.recording, progress=advance)
+        made = _made(options, advance)
     written = report.write(made, folder)
     rows = [[r.method, r.level, r.error_text, f"{r.seconds:.3g}"] for r in made.rows]
     return Outcome(
         {"report": made.name, "files": [str(path) for path in written], "rows": [vars(r) for r in made.rows]},
         [table(["method", made.level, made.error, "seconds"], rows, made.title), *made.notes, *map(str, written)],
     )
+
+
+def _made(options: argparse.Namespace, advance: Callable[[float], None]) -> "Report":
+    more = {}
+    if options.name in ("hysteresis", "sysid-recordings"):
+        more["recording"] = options.recording
+    elif options.recording is not None:
+        raise BadInput("--recording", f"given for the {options.name} report", "it makes its own data")
+    if options.name in WITH_PEERS:
+        more["peers"] = options.peers
+    elif options.peers:
+        raise BadInput("--peers", f"given for the {options.name} report", f"only {', '.join(WITH_PEERS)} can take it")
+    study = import_module(f"catheter.lab.{STUDIES[options.name]}")
+    made: Report = getattr(study, options.name.replace("-", "_"))(quick=options.quick, progress=advance, **more)
+    return made
 
 
 def table_(options: argparse.Namespace) -> Outcome:

@@ -1,53 +1,86 @@
 """Scenes: TOML files that say what an experiment is. What is computed from one is asked for."""
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from catheter.bench import Bench, Noise, Plant, Schedule
-from catheter.refine import Scatter
-from catheter.robot import Extender
-from catheter.task import Task
-from catheter.valve import Wanted
 from data.ask import Ask
 from data.errors import BadInput, nearest
-from data.options import find_toml, load_toml, option, parse_toml, read, shipped_names
+from data.options import find_toml, load_toml, option, parse_toml, read, shipped_names, to_toml
 
 FOLDER = Path(__file__).parents[2] / "data" / "scenes"
+
+_BENDER = {
+    "servo": "catheter.actuator.Servo",
+    "plant": "catheter.bench.Plant",
+    "relaxation": "catheter.bench_runs.Relaxation",
+    "sensors": "catheter.bench_runs.Sensors",
+    "ask": "data.ask.Ask",
+}
+_ON_BENCH = {name: _BENDER[name] for name in ("servo", "sensors", "ask")}
+
+# The tables each kind of scene may have, beside [scene], and the options they hold: a scene imports its own only.
+TABLES: dict[str, dict[str, str]] = {
+    "recording": {"ask": "data.ask.Ask"},
+    "bender": {
+        "drive": "catheter.bench.Schedule",
+        "bench": "catheter.bench.Bench",
+        "plant": "catheter.bench.Plant",
+        "noise": "catheter.bench.Noise",
+        "ask": "data.ask.Ask",
+    },
+    "free": {"task": "catheter.task.Task", "scatter": "catheter.refine.Scatter", "extender": "catheter.robot.Extender"},
+    "cone": {"wanted": "catheter.valve.Wanted"},
+    "locomotion": {
+        "source": "catheter.drive.SquareWave",
+        "circuit": "catheter.circuit.Circuit",
+        "marks": "catheter.tuning.Marks",
+        "extender": "catheter.robot.Extender",
+    },
+    "chirp": {"drive": "sysid.excitation.Chirp", **_BENDER},
+    "ramp": {"drive": "sysid.excitation.Ramp", **_BENDER},
+    "staircase": {"drive": "sysid.excitation.Staircase", **_BENDER},
+    "accumulator": {
+        "drive": "sysid.excitation.Sine",
+        "accumulator": "catheter.bench_runs.AccumulatorBench",
+        **_ON_BENCH,
+    },
+    "valve": {"drive": "sysid.excitation.Steps", "valve": "catheter.bench_runs.ValveBench", **_ON_BENCH},
+    "cracking": {
+        "drive": "catheter.bench_runs.PressureRamp",
+        "valve": "catheter.bench_runs.ConeValve",
+        "sensors": "catheter.bench_runs.Sensors",
+        "ask": "data.ask.Ask",
+    },
+}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Heading:
     """The `[scene]` table: what kind of experiment, and what a reader calls it."""
 
-    kind: str = option(choices=("bender", "recording", "free", "valve"))
+    kind: str = option(choices=tuple(TABLES))
     title: str
-
-
-# The tables each kind of scene may have, beside [scene]; a table left out takes its defaults.
-TABLES: dict[str, dict[str, type]] = {
-    "recording": {"ask": Ask},
-    "bender": {"drive": Schedule, "bench": Bench, "plant": Plant, "noise": Noise, "ask": Ask},
-    "free": {"task": Task, "scatter": Scatter, "extender": Extender},
-    "valve": {"wanted": Wanted},
-}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """A checked scene: its options by table, and the text it was read from."""
+    """A checked scene: the options of each of its tables by name, and the text it was read from.
+
+    A table that was left out holds its defaults; one without defaults is not there.
+    """
 
     heading: Heading
     text: str
-    drive: Schedule = field(default_factory=Schedule)
-    bench: Bench = field(default_factory=Bench)
-    plant: Plant = field(default_factory=Plant)
-    noise: Noise = field(default_factory=Noise)
-    ask: Ask = field(default_factory=Ask)
-    task: Task = field(default_factory=Task)
-    scatter: Scatter = field(default_factory=Scatter)
-    extender: Extender = field(default_factory=Extender)
-    wanted: Wanted = field(default_factory=Wanted)
+    tables: Mapping[str, Any]
+
+    @property
+    def ask(self) -> Ask:
+        """What a replay of it is asked."""
+        found: Ask = self.tables["ask"]
+        return found
 
     @classmethod
     def load(cls, name: str | Path) -> "Scene":
@@ -56,7 +89,8 @@ class Scene:
         Raises BadInput naming file, table and key of whatever is unknown or impossible in it.
         """
         path = find_toml(name, FOLDER, "scene")
-        return cls.parse(load_toml(path)[1], str(path))
+        tables, text = load_toml(path)
+        return cls.parse(_included(tables, path) if "include" in tables else text, str(path))
 
     @classmethod
     def parse(cls, text: str, place: str) -> "Scene":
@@ -67,10 +101,37 @@ class Scene:
         for name in tables:
             if name not in known:
                 raise BadInput(f"{place}, [{name}]", f"is no table of a {heading.kind} scene", nearest(name, known))
-        options: dict[str, Any] = {
-            name: read(kind, tables[name], f"{place}, [{name}]") for name, kind in known.items() if name in tables
+        kinds = {name: _class(path) for name, path in known.items()}
+        options = {
+            name: read(kind, tables.get(name, {}), f"{place}, [{name}]")
+            for name, kind in kinds.items()
+            if name in tables or all(f.default is not MISSING or f.default_factory is not MISSING for f in fields(kind))
         }
-        return cls(heading=heading, text=text, **options)
+        return cls(heading=heading, text=text, tables=options)
+
+
+def _class(path: str) -> Any:
+    module, _, name = path.rpartition(".")
+    return getattr(import_module(module), name)
+
+
+def _included(tables: dict[str, Any], path: Path) -> str:
+    """Return the text of a scene with the tables of the fits it includes; the scene's own keys win.
+
+    A fit's `[fit]` table, which says what it was made from, is left out.
+    """
+    files = tables.pop("include")
+    if not isinstance(files, list) or not all(isinstance(one, str) for one in files):
+        raise BadInput(f"{path}, include", f"is {files!r:.60}", "expected a list of .toml files")
+    merged: dict[str, Any] = {}
+    for one in files:
+        for name, table in load_toml(path.parent / one)[0].items():
+            if not isinstance(table, dict):
+                raise BadInput(f"{path.parent / one}, {name}", f"is {table!r:.60}", "a fit has tables only")
+            merged[name] = merged.get(name, {}) | table
+    merged.pop("fit", None)
+    own = {name: merged.pop(name, {}) | table if isinstance(table, dict) else table for name, table in tables.items()}
+    return to_toml(own | merged)
 
 
 def names() -> list[str]:

@@ -6,8 +6,34 @@ from pathlib import Path
 
 import numpy as np
 
-from catheter.lab.report import Progress, Row, measure
+from catheter.lab.report import Progress, Report, Row, measure
 from data.signal import Array
+
+
+def regression(*, quick: bool, progress: Progress) -> Report:
+    """Non-negative least squares on a bender's chirp whose weights are known exactly."""
+    return Report(
+        name="regression",
+        title="Non-negative least squares, 10 terms of a bender's chirp: error against run time",
+        level="samples",
+        error="relative error",
+        rows=regression_rows((1_000, 10_000) if quick else (1_000, 10_000, 149_400), progress),
+        notes=["Truth: force made from known weights, without noise; terms of thesis eq. 3.28 in SI."],
+    )
+
+
+def hysteresis(*, quick: bool, progress: Progress, recording: str | None) -> Report:
+    """Models with memory by number of operators, on a recording."""
+    counts = (1, 3, 5, 9) if quick else (1, 2, 3, 4, 5, 7, 10, 15, 20)
+    rows, what = hysteresis_rows(recording, counts, progress)
+    return Report(
+        name="hysteresis",
+        title=f"Models with memory, {what}",
+        level="operators",
+        error="RMSE held out",
+        rows=rows,
+        notes=["A replay uses 5 operators."],
+    )
 
 
 def _chirp_columns(samples: int) -> tuple[Array, Array]:

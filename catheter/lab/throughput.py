@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from catheter.lab.report import Progress, Row, measure
+from catheter.lab.report import Progress, Report, Row, measure
 from data.recorder import Recorder
 from data.recording import Recording
 from data.signal import Array, Signal
@@ -20,6 +20,19 @@ from data.topics import STANDARD, Topic
 
 NAMES = tuple("abcdefgh")
 FRAME_BYTES = 65_000
+
+
+def recordings(*, quick: bool, progress: Progress) -> Report:
+    """Reading and writing recordings: ours beside the plain mcap and protobuf decoder, on the same files."""
+    rows, notes = recording_rows((2_000, 20_000) if quick else (10_000, 100_000, 400_000), progress)
+    return Report(
+        name="recordings",
+        title="Recordings of 8 doubles a message, zstd, checksums on: error against run time",
+        level="messages",
+        error="differing bits",
+        rows=rows,
+        notes=notes,
+    )
 
 
 def recording_rows(sizes: Sequence[int], progress: Progress) -> tuple[list[Row], list[str]]:

@@ -10,7 +10,7 @@ from catheter.valve import INCH, cone, measured
 from catheter.valve_claims import claims
 
 
-def valves(quick: bool, progress: Progress) -> Report:
+def valves(*, quick: bool, progress: Progress) -> Report:
     """Hold what the thesis says of its conical valves against its table."""
     started = time.perf_counter()
     found = claims()

@@ -35,9 +35,9 @@ def _wanted(options: argparse.Namespace) -> Wanted:
     wanted = Wanted()
     if options.scene is not None:
         scene = Scene.load(options.scene)
-        if scene.heading.kind != "valve":
-            raise BadInput(f"scene {options.scene}", f"is a {scene.heading.kind} scene", "a valve scene has a [wanted]")
-        wanted = scene.wanted
+        if scene.heading.kind != "cone":
+            raise BadInput(f"scene {options.scene}", f"is a {scene.heading.kind} scene", "a cone scene has a [wanted]")
+        wanted = scene.tables["wanted"]
     given = {
         name: quantity(text, "Pa", f"--{name}") for name in ("forward", "reverse") if (text := getattr(options, name))
     }

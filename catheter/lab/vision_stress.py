@@ -14,7 +14,7 @@ from vision.pattern import QR
 from vision.render import render
 
 
-def stress(quick: bool, progress: Progress) -> Report:
+def twist_stress(quick: bool, progress: Progress) -> Report:
     """One disturbance at a time at its extreme, all at half strength, cut and absent markers, QR codes."""
     count = 25 if quick else 1000
     rows, notes = [], []

@@ -7,10 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from catheter.lab.clock_study import camera_clock
 from catheter.lab.report import Progress, Report, Row
 from catheter.lab.vision_shots import aruco, plain, qr
-from catheter.lab.vision_stress import stress
 from catheter.lab.vision_tally import Answer, Pixels, Tally, ours
 from data.signal import Array
 from vision.centroid import centroids
@@ -177,11 +175,4 @@ _METHODS: dict[str, Callable[[Pixels], Answer]] = {
     "this project": ours,
     "this project, grey-weighted centroids alone": _weighted,
     "thesis: blur, threshold, binary centroids": _binary,
-}
-
-
-STUDIES: dict[str, Callable[[bool, Progress], Report]] = {
-    "twist": twist,
-    "twist-stress": stress,
-    "camera-clock": camera_clock,
 }
