@@ -162,28 +162,3 @@ def _words(given: dict[str, float], nearest: Choice) -> str:
         f" {nearest.thickness_m / INCH:.3g} in: forward {nearest.forward_pa / 1e3:.4g} kPa, reverse"
         f" {nearest.reverse_pa / 1e3:.4g} kPa, ratio {nearest.ratio:.3g}"
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class TwoWay:
-    """A two-way cracking valve in a circuit: shut between its cracking pressures, an orifice beyond them.
-
-    forward, reverse: what the drop must exceed. coefficient: the orifice's K. softness: the drop
-    beyond cracking over which the square root is rounded off, so that its slope stays finite.
-    """
-
-    forward: float = option(unit="Pa", least=0.0)
-    reverse: float = option(unit="Pa", least=0.0)
-    coefficient: float = option(unit="m^3 Pa^-0.5 s^-1", least=0.0)
-    softness: float = option(1.0, unit="Pa", least=1e-6)
-
-    def flow_m3_s(self, drop_pa: ArrayLike) -> Array:
-        """Return the flow at pressure drops: Q = K e / (e^2 + softness^2)^(1/4), e the drop beyond cracking.
-
-        Far from 0 that is K sgn(e) sqrt|e| (thesis eq. 3.7 beyond the threshold). It never falls as the drop
-        rises, and is 0 from -reverse to forward. The law beyond cracking is assumed: the thesis measured
-        the thresholds only.
-        """
-        drop = np.asarray(drop_pa, dtype=np.float64)
-        beyond = np.maximum(drop - self.forward, 0) - np.maximum(-drop - self.reverse, 0)
-        return np.asarray(self.coefficient * beyond / (beyond**2 + self.softness**2) ** 0.25)

@@ -1,13 +1,16 @@
 """Cones crack where they were measured to, between is between, beyond is refused; the text is held to its table."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from catheter.circuit import Circuit, ConicalValve, thesis_circuit
+from catheter.circuit_kernel import flow
 from catheter.free import Infeasible
 from catheter.lab import cli
-from catheter.valve import INCH, TwoWay, Wanted, choose, cone, measured
+from catheter.valve import INCH, Wanted, choose, cone, measured
 from catheter.valve_claims import claims
 from data.errors import BadInput
 
@@ -86,17 +89,19 @@ def test_a_choice_that_is_not_there_names_the_nearest() -> None:
             choose(wanted)
 
 
-def test_a_two_way_valve_is_shut_between_and_an_orifice_beyond() -> None:
-    valve = TwoWay(forward=17e3, reverse=88e3, coefficient=3e-7)
-    drop = np.linspace(-200e3, 100e3, 300_001)
-    flow = valve.flow_m3_s(drop)
-    assert (np.diff(flow) >= 0).all()
-    assert (flow[(drop >= -88e3) & (drop <= 17e3)] == 0).all()
-    assert (flow[drop > 17.01e3] > 0).all()
-    assert (flow[drop < -88.01e3] < 0).all()
-    assert float(valve.flow_m3_s(17e3 + 40e3)) == pytest.approx(3e-7 * 200, rel=1e-9)  # K sqrt(40 kPa)
-    assert float(valve.flow_m3_s(-88e3 - 40e3)) == pytest.approx(-3e-7 * 200, rel=1e-9)
-    assert np.abs(np.diff(flow)).max() < 3e-7 * np.sqrt(1.1)  # no jump: 1 Pa makes K sqrt(1 Pa) at most
+def test_a_measured_cone_in_a_circuit_is_shut_between_its_pressures_and_an_orifice_beyond() -> None:
+    found = cone(np.radians(40), 0.075 * INCH)
+    forward, reverse, factor = float(found.forward_pa), float(found.reverse_pa), 3e-7
+    valve = ConicalValve(coefficient=factor, forward=forward, reverse=reverse)
+    table = Circuit(segments=(replace(thesis_circuit().segments[0], valve=valve),)).table()
+    drop = np.linspace(-200e3, 100e3, 30_001)
+    q = np.array([flow(table, 0, float(p))[0] for p in drop])
+    assert (np.diff(q) >= 0).all()
+    assert (q[(drop >= -reverse) & (drop <= forward)] == 0).all()
+    assert (q[drop > forward + 10] > 0).all()
+    assert (q[drop < -reverse - 10] < 0).all()
+    for p in (forward + 40e3, -reverse - 40e3):
+        assert flow(table, 0, p)[0] == pytest.approx(np.sign(p) * factor * 200, rel=1e-5)  # K sqrt(40 kPa)
 
 
 def test_claims_of_the_text_against_its_table() -> None:
