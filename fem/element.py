@@ -78,7 +78,7 @@ class Body:
     """A mesh with its materials as the kernels want them; law (e,), numbers (e, 6), kappa (e,) [Pa].
 
     gradient (e, g, a, 3) [1/m] and weight (e, g) [m^3] of the rest state; shape, along and
-    face_weight those of pressed faces; mean: volumes are taken as means over elements.
+    face_weight those of pressed faces; volumes are counted from origin; softest: least shear modulus [Pa].
     """
 
     mesh: Mesh
@@ -92,6 +92,7 @@ class Body:
     face_weight: Array
     pattern: Pattern
     origin: Array
+    softest: float
 
     @property
     def mean(self) -> bool:
@@ -201,4 +202,5 @@ def make_body(mesh: Mesh, materials: Sequence[Law], which: Indices) -> Body:
         face_weights,
         pattern(len(mesh.nodes), mesh.hexes, mesh.pressed),
         held.mean(axis=0) if len(held) else np.zeros(3),
+        min(law.shear for law in materials),
     )

@@ -1,0 +1,237 @@
+"""Equilibrium of a body under fluid pressure: unknowns, their tangent, Newton's method.
+
+Unknowns are the free displacement components, level by level, then the rigid cap's three
+displacements and three rotations (as arc lengths on its ring), then, under volume control, the pressure.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from data.errors import BadInput, DidNotConverge
+from data.options import option
+from data.signal import Array
+from fem import solver
+from fem.element import Body, Inverted
+
+
+@dataclass(frozen=True, kw_only=True)
+class Newton:
+    """How equilibrium is found.
+
+    tolerance: residual over the load, before a last correction with the factor at hand.
+    most_steps: iterations in a sub-step before it is cut. most_move: the largest displacement in an
+    iteration, and in a predictor, over the body's extent. smallest: the smallest sub-step, as
+    a share of the way from one requested load to the next. solver: "" lets the mesh decide.
+    """
+
+    tolerance: float = option(1e-8, least=1e-12, most=1e-3)
+    most_steps: int = option(20, least=3)
+    most_move: float = option(0.03, least=1e-4)
+    smallest: float = option(1e-3, least=1e-9, most=1.0)
+    solver: str = option("", choices=("", solver.RINGS, solver.SPARSE, solver.GENERAL))
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if not 1e-12 <= self.tolerance <= 1e-3 or self.most_steps < 3 or self.most_move < 1e-4:
+            raise BadInput("newton", f"is {self}", "expected a tolerance of 1e-12 to 1e-3, 3 steps, a move of 1e-4")
+        if self.solver not in ("", solver.RINGS, solver.SPARSE, solver.GENERAL):
+            raise BadInput("newton, solver", f"is {self.solver!r}", f"known: {solver.RINGS}, {solver.SPARSE}, {solver.GENERAL}")
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Positions x (n, 3) [m] at a pressure [Pa], the pressures (e, g) its tangent is to use."""
+
+    x: Array
+    pressure: float
+    held: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Tangent:
+    """A factorised tangent at a state, with the residual (k,) [N], the load -dV/dx (k,) [m^2] and the volume [m^3].
+
+    rigid is S (k, 6): what the cap's unknowns do; schur its reduced stiffness.
+    """
+
+    residual: Array
+    area: Array
+    volume: float
+    energy: float
+    factor: solver.Factor
+    coupling: Array
+    rigid: Array
+    schur: Array
+
+    @property
+    def negative(self) -> int:
+        """How many pivots of the whole tangent are negative; 0 where the state is stable under that pressure."""
+        return self.factor.negative + int((np.linalg.eigvalsh(self.schur) < 0).sum())
+
+    def solve(self, right: Array) -> Array:
+        """Return the unknowns (k, m) for right-hand sides (k, m)."""
+        free = len(self.coupling)
+        first = self.factor.solve(right[:free])
+        cap = np.linalg.solve(self.schur, right[free:] - self.coupling.T @ first)
+        return np.vstack([first - self.rigid @ cap, cap])
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """A body's unknowns, in the order that suits the solver."""
+
+    body: Body
+    newton: Newton = field(default_factory=Newton)
+
+    @cached_property
+    def extent(self) -> float:
+        """The largest side of the body's box [m]."""
+        return float(np.ptp(self.body.mesh.nodes, axis=0).max())
+
+    @cached_property
+    def closed(self) -> bool:
+        """Whether the pressed surface ends on fixed nodes only, so that the tangent is symmetric."""
+        quads = self.body.mesh.pressed[:, :4].astype(np.int64)
+        sides = np.stack([quads, np.roll(quads, -1, axis=1)], axis=-1).reshape(-1, 2)
+        keys, counts = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
+        return bool(self.body.mesh.fixed[keys[(counts == 1) & (keys[:, 0] != keys[:, 1])]].all())
+
+    @cached_property
+    def _levels(self) -> Any:
+        """Unknowns' level (n, 3) by the best of four sweeps: from the fixed nodes, and along x, y, z."""
+        mesh, pattern = self.body.mesh, self.body.pattern
+        seeds = [mesh.fixed.all(axis=1)] if mesh.fixed.all(axis=1).any() else []
+        for along in mesh.nodes.T:
+            seeds.append(along <= along.min() + 1e-9 * self.extent)
+        found = [np.repeat(solver.sweep(pattern.start, pattern.column, seed), 3) for seed in seeds]
+        return min(found, key=lambda level: solver.work(level[self._moves]))
+
+    @cached_property
+    def _moves(self) -> Any:
+        moves = ~self.body.mesh.fixed
+        moves[self.body.mesh.tied] = False
+        if not moves.any():
+            raise BadInput("mesh, fixed", "nothing can move", "free some nodes")
+        return moves.ravel()
+
+    @cached_property
+    def free(self) -> Any:
+        """Numbers of the free displacement components, level by level (k,)."""
+        free = np.flatnonzero(self._moves)
+        return free[np.argsort(self._levels[free], kind="stable")]
+
+    @cached_property
+    def _ends(self) -> Any:
+        """Where each level's unknowns end."""
+        counts = np.bincount(self._levels[self.free])
+        return np.cumsum(counts[counts > 0])
+
+    @cached_property
+    def method(self) -> str:
+        """The name of the solver: what the options say, or what suits the mesh."""
+        if not self.closed:
+            return solver.GENERAL
+        dense = solver.work(self._levels[self.free]) <= solver.MOST_WORK
+        return self.newton.solver or (solver.RINGS if dense else solver.SPARSE)
+
+    @cached_property
+    def _places(self) -> tuple[Any, Any, Any]:
+        """CSR patterns free-free, free-tied, tied-tied whose data are places in the stiffness blocks."""
+        from scipy.sparse import bsr_array
+
+        pattern, n = self.body.pattern, 3 * len(self.body.mesh.nodes)
+        numbers = np.arange(9 * len(pattern.column), dtype=np.int64).reshape(-1, 3, 3) + 1
+        whole = bsr_array((numbers, pattern.column, pattern.start), shape=(n, n)).tocsr()
+        tied = (3 * self.body.mesh.tied[:, None] + np.arange(3)).ravel()
+        rows = whole[self.free]
+        parts = rows[:, self.free], rows[:, tied], whole[tied][:, tied]
+        for part in parts:
+            part.data -= 1
+            part.sort_indices()
+        return parts
+
+    def _part(self, k: int, stiffness: Array) -> Any:
+        from scipy.sparse import csr_array
+
+        place = self._places[k]
+        return csr_array((stiffness.ravel()[place.data], place.indices, place.indptr), shape=place.shape)
+
+    def rest(self) -> State:
+        """Return the body at rest without pressure."""
+        x = self.body.mesh.nodes
+        return State(x, 0.0, np.zeros_like(self.body.weight))
+
+    def _arms(self, x: Array) -> tuple[Array, float]:
+        """Return the tied nodes' arms (t, 3) from the last of them [m], and the length that makes rotations lengths."""
+        tied = x[self.body.mesh.tied]
+        arms = tied - tied[-1] if len(tied) else tied
+        return arms, float(np.linalg.norm(arms, axis=1).max(initial=0.0)) or 1.0
+
+    def _rigid_map(self, x: Array) -> Array:
+        """Return d(tied positions) / d(cap's unknowns), (3t, 6 or 0)."""
+        arms, size = self._arms(x)
+        out = np.zeros((len(arms), 3, 6 if len(arms) else 0))
+        if len(arms):
+            out[:, :, :3] = np.eye(3)
+            for k, axis in enumerate(np.eye(3)):
+                out[:, :, 3 + k] = np.cross(axis, arms) / size
+        return out.reshape(3 * len(arms), out.shape[2])
+
+    def reduce(self, x: Array, forces: Array) -> Array:
+        """Return forces on nodes (n, 3) as forces on the unknowns (k,) [N]."""
+        cap = self._rigid_map(x).T @ forces[self.body.mesh.tied].ravel()
+        return np.concatenate([forces.ravel()[self.free], cap])
+
+    def moved(self, state: State, step: Array) -> State:
+        """Return the state after a step of the unknowns (k,) [m], its tangent's pressures linearised along it."""
+        linear, x = np.zeros_like(state.x), state.x.copy()
+        linear.ravel()[self.free] = step[: len(self.free)]
+        x += linear
+        tied = self.body.mesh.tied
+        if len(tied):
+            cap = step[len(self.free) :]
+            linear[tied] = (self._rigid_map(state.x) @ cap).reshape(-1, 3)
+            arms, size = self._arms(state.x)
+            x[tied] = state.x[tied[-1]] + cap[:3] + arms @ rotation(cap[3:] / size).T
+        return State(x, state.pressure, self.body.pressures(state.x, linear))
+
+    def tangent(self, state: State) -> Tangent:
+        """Return residual and factorised tangent of a state. Raises Inverted, or DidNotConverge where singular."""
+        forces = self.body.forces(state.x, state.held)
+        area, volume = self.body.fluid(state.x, state.pressure, forces.stiffness)
+        total = forces.force + state.pressure * area
+        matrix = self._part(0, forces.stiffness)
+        if self.method == solver.RINGS:
+            factor: solver.Factor = solver.BlockTridiagonal(matrix, self._ends)
+        else:
+            factor = solver.SuperLU(matrix, symmetric=self.method == solver.SPARSE)
+        rigid = self._rigid_map(state.x)
+        coupling = self._part(1, forces.stiffness) @ rigid
+        solved = factor.solve(coupling) if rigid.shape[1] else coupling
+        schur = rigid.T @ (self._part(2, forces.stiffness) @ rigid) - coupling.T @ solved
+        if rigid.shape[1]:
+            arms, size = self._arms(state.x)
+            turn = total[self.body.mesh.tied].T @ arms
+            schur[3:, 3:] += ((turn + turn.T) / 2 - np.trace(turn) * np.eye(3)) / size**2
+        return Tangent(
+            self.reduce(state.x, total), self.reduce(state.x, area), volume, forces.energy, factor, coupling, solved, schur
+        )
+
+    @property
+    def softest(self) -> float:
+        """The least shear modulus [Pa], which loads near 0 are measured against."""
+        return self.body.softest
+
+
+def rotation(vector: Array) -> Array:
+    """Return the rotation matrix (3, 3) of a rotation vector (3,) [rad] (Rodrigues)."""
+    angle = float(np.linalg.norm(vector))
+    x, y, z = vector
+    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * k + 0.5 * np.sinc(angle / 2 / np.pi) ** 2 * (k @ k))
+
+
+__all__ = ["BadInput", "DidNotConverge", "Inverted", "Newton", "State", "System", "Tangent", "rotation"]
