@@ -100,7 +100,7 @@ class Body:
         return self.mesh.order == 1
 
     def forces(self, x: Array, held: Array | None = None) -> "Forces":
-        """Return the state at positions x (n, 3); held (e, g) are the tangent's pressures, None: no tangent.
+        """Return the state at positions x (n, 3); held (e, g, 7) are the tangent's stresses, None: no tangent.
 
         Raises Inverted naming the element whose volume ratio is not positive.
         """
@@ -115,7 +115,7 @@ class Body:
             self.numbers,
             self.kappa,
             self.mean,
-            np.zeros((1, 1)) if held is None else held,
+            np.zeros((1, 1, 7)) if held is None else held,
             self.pattern.element,
             force,
             stiffness,
@@ -144,11 +144,13 @@ class Body:
         )
         return area, float(volume)
 
-    def pressures(self, x: Array, step: Array) -> Array:
-        """Return the pressures (e, g) [Pa] linearised about x over a step (n, 3)."""
-        out = np.empty_like(self.weight)
+    def linearised(self, x: Array, step: Array) -> Array:
+        """Return the stresses (e, g, 7) [Pa] that a tangent after a step (n, 3) from x is to hold."""
+        out = np.empty((*self.weight.shape, 7))
         mesh = self.mesh
-        kernel.pressures(x, step, mesh.hexes, self.gradient, self.weight, self.law, self.kappa, self.mean, out)
+        kernel.linearised(
+            x, step, mesh.hexes, self.gradient, self.weight, self.law, self.numbers, self.kappa, self.mean, out
+        )
         return out
 
     def deformation(self, x: Array) -> Array:

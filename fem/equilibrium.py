@@ -43,7 +43,7 @@ class Newton:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Positions x (n, 3) [m] at a pressure [Pa], the pressures (e, g) its tangent is to use."""
+    """Positions x (n, 3) [m] at a pressure [Pa], the stresses (e, g, 7) its tangent is to use."""
 
     x: Array
     pressure: float
@@ -162,7 +162,7 @@ class System:
     def rest(self) -> State:
         """Return the body at rest without pressure."""
         x = self.body.mesh.nodes
-        return State(x, 0.0, np.zeros_like(self.body.weight))
+        return State(x, 0.0, np.zeros((*self.body.weight.shape, 7)))
 
     def _arms(self, x: Array) -> tuple[Array, float]:
         """Return the tied nodes' arms (t, 3) from the last of them [m], and the length that makes rotations lengths."""
@@ -186,7 +186,7 @@ class System:
         return np.concatenate([forces.ravel()[self.free], cap])
 
     def moved(self, state: State, step: Array) -> State:
-        """Return the state after a step of the unknowns (k,) [m], its tangent's pressures linearised along it."""
+        """Return the state after a step of the unknowns (k,) [m], its tangent's stresses linearised along it."""
         linear, x = np.zeros_like(state.x), state.x.copy()
         linear.ravel()[self.free] = step[: len(self.free)]
         x += linear
@@ -196,7 +196,7 @@ class System:
             linear[tied] = (self._rigid_map(state.x) @ cap).reshape(-1, 3)
             arms, size = self._arms(state.x)
             x[tied] = state.x[tied[-1]] + cap[:3] + arms @ rotation(cap[3:] / size).T
-        return State(x, state.pressure, self.body.pressures(state.x, linear))
+        return State(x, state.pressure, self.body.linearised(state.x, linear))
 
     def tangent(self, state: State) -> Tangent:
         """Return residual and factorised tangent of a state. Raises Inverted, or DidNotConverge where singular."""

@@ -196,32 +196,64 @@ def _measure_stress(law: int, F: Array, J: float, out: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def pressures(  # noqa: PLR0917, compiled functions take arrays, not objects
-    x: Array, step: Array, hexes: Indices, G: Array, weight: Array, law: Indices, kappa: Array, mean: bool, out: Array
-) -> None:
-    """Set out (e, g) to kappa (m + dm . step), the linearised pressure after a step (n, 3) from x (n, 3).
+def _moved_stress(A: Array, stress: Array, out: Array) -> None:
+    """Set out (6,) to A stress A^T, stress (6,) symmetric."""
+    m = np.empty((3, 3))
+    for s in range(6):
+        m[ROW[s], COLUMN[s]] = stress[s]
+        m[COLUMN[s], ROW[s]] = stress[s]
+    for s in range(6):
+        i, j = ROW[s], COLUMN[s]
+        out[s] = 0.0
+        for k in range(3):
+            out[s] += A[i, k] * (m[k, 0] * A[j, 0] + m[k, 1] * A[j, 1] + m[k, 2] * A[j, 2])
 
-    With mean, all points of an element get that of the element's mean.
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def linearised(  # noqa: PLR0917, compiled functions take arrays, not objects
+    x: Array,
+    step: Array,
+    hexes: Indices,
+    G: Array,
+    weight: Array,
+    law: Indices,
+    q: Array,
+    kappa: Array,
+    mean: bool,
+    out: Array,
+) -> None:
+    """Set out (e, g, 7) to what stresses become after a step (n, 3) from x (n, 3), to first order.
+
+    Six components of the shape-changing second Piola-Kirchhoff stress S + C : dE and the pressure
+    kappa (m + dm). With mean, all points of an element get the pressure of the element's mean.
     """
     F, D, points = np.empty((3, 3)), np.empty((3, 3)), weight.shape[1]
-    inverse = np.empty((3, 3))
+    inverse, d = np.empty((3, 3)), np.empty(6)
+    tau, c, unit = np.empty(6), np.empty((6, 6)), np.empty(6)
     for e in range(len(hexes)):
         total = volume = 0.0
         for g in range(points):
             J = deformation(x, hexes, e, G[e, g], F)
             deformation(step, hexes, e, G[e, g], D)
-            m = _measure(law[e], F, J)
-            if law[e] == HOOKE:
-                m += (F * D).sum()
-            else:
-                _inverse(F, J, inverse)
-                m += J * (inverse.T * D).sum()
+            _inverse(F, J, inverse)
+            for s in range(6):
+                i, j = ROW[s], COLUMN[s]
+                d[s] = 0.0
+                for k in range(3):
+                    d[s] += D[i, k] * inverse[k, j] + (D[j, k] * inverse[k, i] if s > 2 else 0.0)
+            _measure_stress(law[e], F, J, unit)
+            m = _measure(law[e], F, J) + (unit * d).sum()
+            material_point(law[e], q[e], F, J, tau, c)
+            for s in range(6):
+                for t in range(6):
+                    tau[s] += c[s, t] * d[t]
+            _moved_stress(inverse, tau, out[e, g])
             total += weight[e, g] * m
             volume += weight[e, g]
-            out[e, g] = kappa[e] * m
+            out[e, g, 6] = kappa[e] * m
         if mean:
             for g in range(points):
-                out[e, g] = kappa[e] * total / volume
+                out[e, g, 6] = kappa[e] * total / volume
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -257,7 +289,7 @@ def assemble(  # noqa: PLR0917
     q: Array,
     kappa: Array,
     mean: bool,
-    pressure: Array,
+    held: Array,
     slot: Indices,
     force: Array,
     stiffness: Array,
@@ -265,9 +297,10 @@ def assemble(  # noqa: PLR0917
     """Add the elements' forces to force (n, 3) and, if it has entries, their tangents to stiffness (s, 3, 3).
 
     x (n, 3) current positions; G (e, g, a, 3), weight (e, g); law (e,), q (e, 6), kappa (e,);
-    slot (e, a, a) says where a pair of nodes stands in stiffness. The force has the true pressure
-    kappa m, the tangent the given one (e, g), which Newton's three-field form needs (mean
-    dilatation: Simo, Taylor and Pister 1985). Returns the first element whose J is not positive
+    slot (e, a, a) says where a pair of nodes stands in stiffness. The force has the true stresses; the
+    geometric part of the tangent has those held (e, g, 7), as `linearised` makes them: Newton's
+    method on stresses and displacements together (pressure: Simo, Taylor and Pister, Comput. Meth.
+    Appl. Mech. Eng. 51, 1985; all stresses: Magisano, Leonetti and Garcea, ibid. 313, 2017). Returns the first element whose J is not positive
     (or -1: all sound) and the strain energy.
     """
     nodes, points = hexes.shape[1], weight.shape[1]
@@ -306,15 +339,16 @@ def assemble(  # noqa: PLR0917
                 h[3 * a + 2] += unit[5] * u + unit[4] * v + unit[2] * z
             if not wanted:
                 continue
-            held = pressure[e, p]
+            pressure = held[e, p, 6]
+            _moved_stress(F[p], held[e, p], total)
             for s in range(6):
-                total[s] = tau[s] + held * unit[s]
+                total[s] += pressure * unit[s]
             if law[e] != HOOKE:
                 for s in range(3):
                     for t in range(3):
-                        c[s, t] += held * J[p]
-                    c[s, s] -= 2 * held * J[p]
-                    c[s + 3, s + 3] -= held * J[p]
+                        c[s, t] += pressure * J[p]
+                    c[s, s] -= 2 * pressure * J[p]
+                    c[s + 3, s + 3] -= pressure * J[p]
             if not mean:
                 for s in range(6):
                     for t in range(6):
@@ -403,4 +437,4 @@ def dense_block(data: Array, column: Integers, start: Integers, first: int, last
                 out[row - first, column[at] - left] += data[at]
 
 
-__all__ = ["NEO_HOOKE", "assemble", "deformation", "dense_block", "material_point", "press", "pressures"]
+__all__ = ["NEO_HOOKE", "assemble", "deformation", "dense_block", "material_point", "linearised", "press"]
