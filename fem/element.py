@@ -105,7 +105,7 @@ class Body:
         Raises Inverted naming the element whose volume ratio is not positive.
         """
         entries = 0 if held is None else len(self.pattern.column)
-        force, stiffness = np.zeros_like(x), np.zeros((entries, 3, 3))
+        force, carried, stiffness = np.zeros_like(x), np.zeros_like(x), np.zeros((entries, 3, 3))
         bad, energy = kernel.assemble(
             x,
             self.mesh.hexes,
@@ -118,11 +118,12 @@ class Body:
             np.zeros((1, 1, 7)) if held is None else held,
             self.pattern.element,
             force,
+            carried,
             stiffness,
         )
         if bad >= 0:
             raise Inverted(f"element {bad} is turned inside out")
-        return Forces(force, stiffness, float(energy))
+        return Forces(force, carried, stiffness, float(energy))
 
     def fluid(self, x: Array, pressure: float = 0.0, stiffness: Array | None = None) -> tuple[Array, float]:
         """Return -dV/dx (n, 3) [m^2] and the volume V [m^3] of the pressed cavity.
@@ -164,9 +165,13 @@ class Inverted(DidNotConverge):
 
 @dataclass(frozen=True, eq=False)
 class Forces:
-    """Internal forces (n, 3) [N], node-pair stiffness blocks (s, 3, 3) [N/m] and strain energy [J]."""
+    """Internal forces (n, 3) [N], node-pair stiffness blocks (s, 3, 3) [N/m] and strain energy [J].
+
+    carried (n, 3) are the forces of the stresses that the tangent holds, 0 without a tangent.
+    """
 
     force: Array
+    carried: Array
     stiffness: Array
     energy: float
 

@@ -214,7 +214,7 @@ class System:
         schur = rigid.T @ (self._part(2, forces.stiffness) @ rigid) - coupling.T @ solved
         if rigid.shape[1]:
             arms, size = self._arms(state.x)
-            turn = total[self.body.mesh.tied].T @ arms
+            turn = (forces.carried + state.pressure * area)[self.body.mesh.tied].T @ arms
             schur[3:, 3:] += ((turn + turn.T) / 2 - np.trace(turn) * np.eye(3)) / size**2
         return Tangent(
             self.reduce(state.x, total), self.reduce(state.x, area), volume, forces.energy, factor, coupling, solved, schur

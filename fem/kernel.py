@@ -292,6 +292,7 @@ def assemble(  # noqa: PLR0917
     held: Array,
     slot: Indices,
     force: Array,
+    carried: Array,
     stiffness: Array,
 ) -> tuple[int, float]:
     """Add the elements' forces to force (n, 3) and, if it has entries, their tangents to stiffness (s, 3, 3).
@@ -300,7 +301,8 @@ def assemble(  # noqa: PLR0917
     slot (e, a, a) says where a pair of nodes stands in stiffness. The force has the true stresses; the
     geometric part of the tangent has those held (e, g, 7), as `linearised` makes them: Newton's
     method on stresses and displacements together (pressure: Simo, Taylor and Pister, Comput. Meth.
-    Appl. Mech. Eng. 51, 1985; all stresses: Magisano, Leonetti and Garcea, ibid. 313, 2017). Returns the first element whose J is not positive
+    Appl. Mech. Eng. 51, 1985; all stresses: Magisano, Leonetti and Garcea, ibid. 313, 2017); carried (n, 3)
+    are the forces of those, set with the tangent. Returns the first element whose J is not positive
     (or -1: all sound) and the strain energy.
     """
     nodes, points = hexes.shape[1], weight.shape[1]
@@ -354,6 +356,11 @@ def assemble(  # noqa: PLR0917
                     for t in range(6):
                         c[s, t] += kappa[e] * unit[s] * unit[t]
             _add_stiffness(g, total, c, w, k)
+            for a in range(nodes):
+                node, u, v, z = hexes[e, a], w * g[a, 0], w * g[a, 1], w * g[a, 2]
+                carried[node, 0] += total[0] * u + total[3] * v + total[5] * z
+                carried[node, 1] += total[3] * u + total[1] * v + total[4] * z
+                carried[node, 2] += total[5] * u + total[4] * v + total[2] * z
         for a in range(nodes):
             for i in range(3):
                 force[hexes[e, a], i] += f[a, i]
