@@ -68,8 +68,8 @@ def pattern(count: int, hexes: Indices, quads: Indices) -> Pattern:
     return Pattern(
         start.astype(np.int32),
         (kept % count).astype(np.int32),
-        element.reshape(len(hexes), hexes.shape[1], -1),
-        face.reshape(len(quads), quads.shape[1], -1),
+        element.reshape(*hexes.shape, hexes.shape[1]),
+        face.reshape(*quads.shape, quads.shape[1]),
     )
 
 

@@ -4,6 +4,7 @@ Unknowns are the free displacement components, level by level, then the rigid ca
 displacements and three rotations (as arc lengths on its ring), then, under volume control, the pressure.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -43,27 +44,31 @@ class Newton:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Positions x (n, 3) [m] at a pressure [Pa], the stresses (e, g, 7) its tangent is to use."""
+    """Positions x (n, 3) [m] at a load (the pressure [Pa]), the stresses (e, g, 7) its tangent is to use."""
 
     x: Array
-    pressure: float
+    load: float
     held: Array
 
 
 @dataclass(frozen=True, eq=False)
 class Tangent:
-    """A factorised tangent at a state, with the residual (k,) [N], the load -dV/dx (k,) [m^2] and the volume [m^3].
+    """A factorised tangent at a state, with the residual (k,) [N], its slope over the load (k,), energy and volume.
 
-    rigid is S (k, 6): what the cap's unknowns do; schur its reduced stiffness.
+    reaction (n, 3) are the forces on all nodes [N]. slope is -dV/dx [m^2] for a pressure. across
+    (k, f) couples to the fixed components; coupling (free, 6) to the cap, solved (free, 6) is
+    its solution, schur (6, 6) the cap's reduced stiffness.
     """
 
     residual: Array
-    area: Array
+    slope: Array
     volume: float
     energy: float
+    reaction: Array
     factor: solver.Factor
+    across: Any
     coupling: Array
-    rigid: Array
+    solved: Array
     schur: Array
 
     @property
@@ -76,15 +81,21 @@ class Tangent:
         free = len(self.coupling)
         first = self.factor.solve(right[:free])
         cap = np.linalg.solve(self.schur, right[free:] - self.coupling.T @ first)
-        return np.vstack([first - self.rigid @ cap, cap])
+        return np.vstack([first - self.solved @ cap, cap])
 
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """A body's unknowns, in the order that suits the solver."""
+    """A body's unknowns, in the order that suits the solver, and what a load does to it.
+
+    A load is the pressure on the pressed faces [Pa]; dead (n, 3) are forces per unit of load
+    beside it [N]; place says where the mesh's nodes (n, 3) stand at a load as far as they are fixed.
+    """
 
     body: Body
     newton: Newton = field(default_factory=Newton)
+    dead: Array | None = None
+    place: Callable[[float], Array] | None = None
 
     @cached_property
     def extent(self) -> float:
@@ -92,12 +103,26 @@ class System:
         return float(np.ptp(self.body.mesh.nodes, axis=0).max())
 
     @cached_property
-    def closed(self) -> bool:
-        """Whether the pressed surface ends on fixed nodes only, so that the tangent is symmetric."""
+    def _rim(self) -> Any:
+        """The pressed surface's free edges (r, 2)."""
         quads = self.body.mesh.pressed[:, :4].astype(np.int64)
         sides = np.stack([quads, np.roll(quads, -1, axis=1)], axis=-1).reshape(-1, 2)
         keys, counts = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
-        return bool(self.body.mesh.fixed[keys[(counts == 1) & (keys[:, 0] != keys[:, 1])]].all())
+        return keys[(counts == 1) & (keys[:, 0] != keys[:, 1])]
+
+    @cached_property
+    def closed(self) -> bool:
+        """Whether the pressed surface is a cavity: it ends on fixed nodes only, and nothing else loads the body."""
+        fixed = bool(self.body.mesh.fixed[self._rim].all())
+        return fixed and len(self.body.mesh.pressed) > 0 and self.dead is None and self.place is None
+
+    @cached_property
+    def symmetric(self) -> bool:
+        """Whether the tangent is symmetric: every edge of the pressed surface is fixed, or slides in a plane."""
+        mesh = self.body.mesh
+        ends = mesh.nodes[self._rim]
+        plane = mesh.fixed[self._rim].all(axis=1) & (np.abs(ends[:, 0] - ends[:, 1]) < 1e-9 * self.extent)
+        return bool((mesh.fixed[self._rim].all(axis=(1, 2)) | plane.any(axis=1)).all())
 
     @cached_property
     def _levels(self) -> Any:
@@ -132,22 +157,22 @@ class System:
     @cached_property
     def method(self) -> str:
         """The name of the solver: what the options say, or what suits the mesh."""
-        if not self.closed:
+        if not self.symmetric:
             return solver.GENERAL
         dense = solver.work(self._levels[self.free]) <= solver.MOST_WORK
         return self.newton.solver or (solver.RINGS if dense else solver.SPARSE)
 
     @cached_property
-    def _places(self) -> tuple[Any, Any, Any]:
-        """CSR patterns free-free, free-tied, tied-tied whose data are places in the stiffness blocks."""
+    def _places(self) -> tuple[Any, ...]:
+        """CSR patterns free-free, free-tied, tied-tied, free-fixed, tied-fixed whose data are places in the stiffness blocks."""
         from scipy.sparse import bsr_array
 
         pattern, n = self.body.pattern, 3 * len(self.body.mesh.nodes)
         numbers = np.arange(9 * len(pattern.column), dtype=np.int64).reshape(-1, 3, 3) + 1
         whole = bsr_array((numbers, pattern.column, pattern.start), shape=(n, n)).tocsr()
         tied = (3 * self.body.mesh.tied[:, None] + np.arange(3)).ravel()
-        rows = whole[self.free]
-        parts = rows[:, self.free], rows[:, tied], whole[tied][:, tied]
+        rows, cap, fixed = whole[self.free], whole[tied], np.flatnonzero(self.body.mesh.fixed)
+        parts = rows[:, self.free], rows[:, tied], cap[:, tied], rows[:, fixed], cap[:, fixed]
         for part in parts:
             part.data -= 1
             part.sort_indices()
@@ -185,10 +210,15 @@ class System:
         cap = self._rigid_map(x).T @ forces[self.body.mesh.tied].ravel()
         return np.concatenate([forces.ravel()[self.free], cap])
 
-    def moved(self, state: State, step: Array) -> State:
-        """Return the state after a step of the unknowns (k,) [m], its tangent's stresses linearised along it."""
+    def moved(self, state: State, step: Array, load: float | None = None, shift: Array | None = None) -> State:
+        """Return the state after a step of the unknowns (k,) [m] and of the fixed components (f,) [m], at a load.
+
+        The stresses that its tangent holds are linearised along the step.
+        """
         linear, x = np.zeros_like(state.x), state.x.copy()
         linear.ravel()[self.free] = step[: len(self.free)]
+        if shift is not None:
+            linear[self.body.mesh.fixed] = shift
         x += linear
         tied = self.body.mesh.tied
         if len(tied):
@@ -196,13 +226,20 @@ class System:
             linear[tied] = (self._rigid_map(state.x) @ cap).reshape(-1, 3)
             arms, size = self._arms(state.x)
             x[tied] = state.x[tied[-1]] + cap[:3] + arms @ rotation(cap[3:] / size).T
-        return State(x, state.pressure, self.body.linearised(state.x, linear))
+        return State(x, state.load if load is None else load, self.body.linearised(state.x, linear))
+
+    def shift(self, state: State, load: float) -> Array | None:
+        """Return how far the fixed components are from where they stand at a load (f,) [m]; None: nowhere."""
+        fixed = self.body.mesh.fixed
+        return None if self.place is None else self.place(load)[fixed] - state.x[fixed]
 
     def tangent(self, state: State) -> Tangent:
         """Return residual and factorised tangent of a state. Raises Inverted, or DidNotConverge where singular."""
         forces = self.body.forces(state.x, state.held)
-        area, volume = self.body.fluid(state.x, state.pressure, forces.stiffness)
-        total = forces.force + state.pressure * area
+        slope, volume = self.body.fluid(state.x, state.load, forces.stiffness)
+        if self.dead is not None:
+            slope -= self.dead
+        total = forces.force + state.load * slope
         matrix = self._part(0, forces.stiffness)
         if self.method == solver.RINGS:
             factor: solver.Factor = solver.BlockTridiagonal(matrix, self._ends)
@@ -214,10 +251,22 @@ class System:
         schur = rigid.T @ (self._part(2, forces.stiffness) @ rigid) - coupling.T @ solved
         if rigid.shape[1]:
             arms, size = self._arms(state.x)
-            turn = (forces.carried + state.pressure * area)[self.body.mesh.tied].T @ arms
+            turn = (forces.carried + state.load * slope)[self.body.mesh.tied].T @ arms
             schur[3:, 3:] += ((turn + turn.T) / 2 - np.trace(turn) * np.eye(3)) / size**2
+        across = None
+        if self.place is not None:
+            across = np.vstack([self._part(3, forces.stiffness).toarray(), rigid.T @ self._part(4, forces.stiffness)])
         return Tangent(
-            self.reduce(state.x, total), self.reduce(state.x, area), volume, forces.energy, factor, coupling, solved, schur
+            self.reduce(state.x, total),
+            self.reduce(state.x, slope),
+            volume,
+            forces.energy,
+            total,
+            factor,
+            across,
+            coupling,
+            solved,
+            schur,
         )
 
     @property

@@ -183,38 +183,49 @@ def _rigid_lid(body: Lattice, order: int) -> tuple[Array, Indices]:
     return nodes, lid
 
 
+def rod(rim: Array, heights: Array, order: int, *, core: float = 0.55, collar: int = 1) -> list[Lattice]:
+    """Return a square core and a collar that fill a disc inside rim points (u, 2), at heights (v,) [m].
+
+    core: half the square's side over the radius; collar: elements from it to the rim. The rim
+    begins at +x and runs anticlockwise. Raises BadInput unless it has a multiple of 8 elements.
+    """
+    around = len(rim) // order
+    if around % 8:
+        raise BadInput("disc", f"{around} elements around", "its square core needs a multiple of 8")
+    side = around * order // 4
+    half = core * float(np.hypot(*rim[0]))
+    steps = half * (2 * np.arange(side + 1) / side - 1)
+    inside = np.stack(np.meshgrid(steps, heights, steps, indexing="ij"), axis=-1)[..., [2, 0, 1]]
+    # the core's border, point for point with the rim: from the middle of the side at +x, anticlockwise
+    walk = np.arange(len(rim)) * 8 / len(rim)  # 8 half sides
+    border = np.stack([_triangle(walk), _triangle(walk - 2)], axis=1) * half
+    out = np.arange(collar * order + 1)[:, None] / (collar * order)
+    flat = border[:, None] + out * (rim[:, None] - border[:, None])
+    return [lattice(inside, order), lattice(raised(flat, heights), order, closed=True)]
+
+
+def raised(flat: Array, heights: Array) -> Array:
+    """Return positions (u, v, w, 3) of flat ones (u, w, 2) at heights (v,)."""
+    out = np.empty((len(flat), len(heights), flat.shape[1], 3))
+    out[..., :2] = flat[:, None]
+    out[..., 2] = heights[:, None]
+    return out
+
+
 def _disc(
     body: Lattice, hexes: Indices, divisions: tuple[int, int, int], thickness: float, order: int
 ) -> tuple[Array, Indices, Indices]:
-    """Return nodes, hexes and pressed faces of the tube with a disc: a square core in rings, one element thick."""
-    around = divisions[0]
-    if around % 8:
-        raise BadInput("tube, divisions", f"{around} around", "a disc's square core needs a multiple of 8")
-    side, end = around * order // 4, body.index[:, -1]
-    rim = body.nodes[end[:, 0]]
-    half = 0.55 * np.hypot(*rim[0, :2])
-    steps = half * (2 * np.arange(side + 1) / side - 1)
-    heights = rim[0, 2] + thickness * np.arange(order + 1) / order
-    core = np.stack(np.meshgrid(steps, heights, steps, indexing="ij"), axis=-1)[..., [2, 0, 1]]
-    # the core's border, point for point with the rim: from the middle of the side at +x, anticlockwise
-    walk = np.arange(around * order) * 8 / (around * order)  # 8 half sides
-    turn = np.stack([_triangle(walk), _triangle(walk - 2)], axis=1) * half
-    radial = np.arange(order + 1)[:, None] / order
-    flat = turn[:, None] + radial * (rim[:, None, :2] - turn[:, None])
-    wall = body.nodes[np.maximum(end, 0)][:, :, :2]
-    if order == 2:
-        wall[1::2, 1::2] = 0.0  # no node stands there
-    flat = np.concatenate([flat, wall[:, 1:]], axis=1)
-    collar = np.empty((len(flat), len(heights), flat.shape[1], 3))
-    collar[..., :2] = flat[:, None]
-    collar[..., 2] = heights[:, None]
-    parts = [lattice(core, order), lattice(collar, order, closed=True)]
-    nodes, new = merge([body.nodes, *(p.nodes for p in parts)], 1e-6 * half)
-    elements = [hexes, *(_rings(new[k + 1][p.hexes]) for k, p in enumerate(parts))]
-    through = divisions[2]
-    under = [new[1][parts[0].face("v0")].reshape(-1, 4 * order),
-             new[2][parts[1].face("v0")][:, : parts[1].hexes.shape[2] - through].reshape(-1, 4 * order)]
-    return nodes, np.vstack(elements).astype(np.int32), np.vstack(under)
+    """Return nodes, hexes and pressed faces of the tube with a disc, one element thick, beyond its end."""
+    end = body.index[:, -1]
+    bore = body.nodes[end[:, 0]]
+    heights = bore[0, 2] + thickness * np.arange(order + 1) / order
+    wall = body.nodes[np.maximum(end, 0), :2]  # where order 2 has no node, any position: nobody looks
+    inner = rod(bore[:, :2], heights, order)
+    parts = [*inner, lattice(raised(wall, heights), order, closed=True)]
+    nodes, new = merge([body.nodes, *(p.nodes for p in parts)], 1e-7 * float(bore[0, 0]))
+    elements = [_rings(number[p.hexes]) for number, p in zip(new[1:], parts, strict=True)]
+    under = [number[p.face("v0")].reshape(-1, 4 * order) for number, p in zip(new[1:], inner, strict=False)]
+    return nodes, np.vstack([new[0][hexes], *elements]).astype(np.int32), np.vstack(under)
 
 
 def _triangle(x: Array) -> Array:
@@ -243,3 +254,11 @@ def block(sizes: tuple[float, float, float], divisions: tuple[int, int, int], *,
     x, y, z = (s * np.arange(n + 1) / n for s, n in zip(sizes, counts, strict=True))
     zz, xx, yy = np.meshgrid(z, x, y, indexing="ij")
     return lattice(np.stack([xx, yy, zz], axis=-1), order)
+
+
+def solid(nodes: Array, hexes: Indices, fixed: NDArray[np.bool_], pressed: Indices | None = None) -> Mesh:
+    """Return a mesh of one part without rings or rigid bodies; hexes (..., a), pressed (..., b), fixed (n, 3)."""
+    hexes = hexes.reshape(-1, hexes.shape[-1]).astype(np.int32)
+    count, none = 4 if hexes.shape[1] == 8 else 8, np.empty(0, dtype=np.int32)
+    quads = np.empty((0, count), dtype=np.int32) if pressed is None else pressed.reshape(-1, count).astype(np.int32)
+    return Mesh(nodes, hexes, np.zeros(len(hexes), dtype=np.int32), quads, fixed, none, none)

@@ -103,7 +103,7 @@ class Inflation:
     @property
     def pressure(self) -> Array:
         """Pressures (n,) [Pa]."""
-        return np.array([p.pressure for p in self.points])
+        return np.array([p.load for p in self.points])
 
     @property
     def volume(self) -> Array:
