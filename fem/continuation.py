@@ -129,7 +129,7 @@ def _reach(system: System, stand: _Stand, target: float, control: str) -> tuple[
         except (_Cut, DidNotConverge) as error:
             step /= 2
             if abs(step) < system.newton.smallest * abs(whole):
-                raise _refusal(stand, control, target, error) from error
+                raise _refusal(system, stand, control, target, error) from error
             continue
         now = goal
         step *= 2
@@ -153,7 +153,8 @@ def _step(system: System, stand: _Stand, goal: float, control: str, residuals: l
     longest = system.newton.most_move * system.extent
     for _ in range(system.newton.most_steps):
         tangent = system.tangent(state)
-        residuals.append(float(np.linalg.norm(tangent.residual)) / _scale(system, state, tangent))
+        scale = _scale(system, state, tangent)
+        residuals.append(float(np.linalg.norm(tangent.residual)) / scale)
         found = tangent.solve(-np.stack([tangent.residual, tangent.slope], axis=1))
         move, extra, missing = found[:, 0], 0.0, 0.0
         if control == VOLUME:
@@ -164,7 +165,7 @@ def _step(system: System, stand: _Stand, goal: float, control: str, residuals: l
         if not np.isfinite(largest):
             raise _Cut("the displacements are not finite")
         state = system.moved(state, move * min(1.0, longest / (largest or 1.0)), state.load + extra)
-        if residuals[-1] <= system.newton.tolerance and abs(missing) <= 1e-6 * abs(goal):
+        if residuals[-1] <= max(system.newton.tolerance, system.body.noise / scale) and abs(missing) <= 1e-6 * abs(goal):
             reached = _Stand(state, tangent, system.body.fluid(state.x)[1], found[:, 1])
             _check(system, stand, reached, control)
             return reached
@@ -193,10 +194,13 @@ def _check(system: System, before: _Stand, after: _Stand, control: str) -> None:
         raise _Cut("the volume jumped: another branch")
 
 
-def _refusal(stand: _Stand, control: str, target: float, error: Exception) -> DidNotConverge:
+def _refusal(system: System, stand: _Stand, control: str, target: float, error: Exception) -> DidNotConverge:
     if control == VOLUME:
         at = f"{1e6 * stand.volume:.6g} mL on the way to {1e6 * target:.6g} mL"
         return DidNotConverge(f"inflation under volume control stops at {at}: {error}; try smaller volume steps")
+    if not system.closed:
+        at = f"{stand.state.load:.6g} on the way to {target:.6g}"
+        return DidNotConverge(f"equilibrium stops at a load of {at}: {error}; try smaller steps, or a finer mesh")
     at = f"{stand.state.load / 1e3:.6g} kPa on the way to {target / 1e3:.6g} kPa"
     return DidNotConverge(
         f"inflation under pressure control stops at {at}: {error}; no stable equilibrium was found beyond "

@@ -6,6 +6,7 @@ hexahedron with 2 x 2 x 2 points.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -98,6 +99,15 @@ class Body:
     def mean(self) -> bool:
         """Whether the volumetric measure is an element's mean (order 1)."""
         return self.mesh.order == 1
+
+    @cached_property
+    def noise(self) -> float:
+        """Norm of the forces [N] that rounding of the positions makes, through the volumetric stiffness."""
+        size = np.linalg.norm(self.gradient, axis=-1)
+        far = np.abs(self.mesh.nodes[self.mesh.hexes]).max(axis=(1, 2))
+        strain = np.finfo(float).eps * far * size.sum(axis=2).mean(axis=1)
+        reach = np.einsum("eg,ega->ea", self.weight, size)
+        return float(np.linalg.norm((self.kappa * strain)[:, None] * reach))
 
     def forces(self, x: Array, held: Array | None = None) -> "Forces":
         """Return the state at positions x (n, 3); held (e, g, 7) are the tangent's stresses, None: no tangent.

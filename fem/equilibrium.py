@@ -22,7 +22,8 @@ from fem.element import Body, Inverted
 class Newton:
     """How equilibrium is found.
 
-    tolerance: residual over the load, before a last correction with the factor at hand.
+    tolerance: residual over the load (or the rounding of the positions, where that is more), before a
+    last correction with the factor at hand.
     most_steps: iterations in a sub-step before it is cut. most_move: the largest displacement in an
     iteration, and in a predictor, over the body's extent. smallest: the smallest sub-step, as
     a share of the way from one requested load to the next. solver: "" lets the mesh decide.
