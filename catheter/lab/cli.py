@@ -22,6 +22,7 @@ COMMANDS = {  # what each is for, and the module that does it: NAME_options(pars
     "table": ("print a table of the thesis, with units and source", "report_commands"),
     "free": ("search the fibre angles of a spiral (default: the thesis's task)", "design"),
     "valve": ("list the conical valves, interpolate one, or choose one", "design"),
+    "inflate": ("inflate a printed tube of two materials: twist, extension, bending, stability", "inflate_command"),
     "fmu": ("write the robot's hydraulic circuit as an FMU for other tools, and try it", "fmu_command"),
 }
 

@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from catheter.bench import Bench, Noise, Plant, Schedule
+from catheter.inflatable import Path as LoadPath
+from catheter.inflatable import Pattern, Shape
 from catheter.refine import Scatter
 from catheter.robot import Extender
 from catheter.task import Task
@@ -20,7 +22,7 @@ FOLDER = Path(__file__).parents[2] / "data" / "scenes"
 class Heading:
     """The `[scene]` table: what kind of experiment, and what a reader calls it."""
 
-    kind: str = option(choices=("bender", "recording", "free", "valve"))
+    kind: str = option(choices=("bender", "recording", "free", "valve", "tube"))
     title: str
 
 
@@ -30,6 +32,7 @@ TABLES: dict[str, dict[str, type]] = {
     "bender": {"drive": Schedule, "bench": Bench, "plant": Plant, "noise": Noise, "ask": Ask},
     "free": {"task": Task, "scatter": Scatter, "extender": Extender},
     "valve": {"wanted": Wanted},
+    "tube": {"tube": Shape, "map": Pattern, "path": LoadPath},
 }
 
 
@@ -48,6 +51,9 @@ class Scene:
     scatter: Scatter = field(default_factory=Scatter)
     extender: Extender = field(default_factory=Extender)
     wanted: Wanted = field(default_factory=Wanted)
+    tube: Shape = field(default_factory=Shape)
+    map: Pattern = field(default_factory=Pattern)
+    path: LoadPath = field(default_factory=LoadPath)
 
     @classmethod
     def load(cls, name: str | Path) -> "Scene":
