@@ -82,9 +82,11 @@ def build(shape: Shape, pattern: Pattern, path: Path) -> "Tube":
     stiff = pattern.stiff_voxels(around, along)
     if stiff.any():
         material[stiff] = printable(pattern.stiff, nu=shape.nu)
-    sizes = {"length": shape.length, "outer_radius": shape.outer_radius, "wall": shape.wall, "cap": shape.cap}
     return Tube(
-        **sizes,
+        length=shape.length,
+        outer_radius=shape.outer_radius,
+        wall=shape.wall,
+        cap=shape.cap,
         divisions=(shape.divisions[0], shape.divisions[1], shape.divisions[2]),
         material=material,
         order=1 if shape.nodes == "8" else 2,

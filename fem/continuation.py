@@ -5,7 +5,7 @@ its ends allow (the mean value theorem): a jump to another branch does not.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -165,7 +165,9 @@ def _step(system: System, stand: _Stand, goal: float, control: str, residuals: l
         if not np.isfinite(largest):
             raise _Cut("the displacements are not finite")
         state = system.moved(state, move * min(1.0, longest / (largest or 1.0)), state.load + extra)
-        if residuals[-1] <= max(system.newton.tolerance, system.body.noise / scale) and abs(missing) <= 1e-6 * abs(goal):
+        if residuals[-1] <= max(system.newton.tolerance, system.body.noise / scale) and abs(missing) <= 1e-6 * abs(
+            goal
+        ):
             reached = _Stand(state, tangent, system.body.fluid(state.x)[1], found[:, 1])
             _check(system, stand, reached, control)
             return reached

@@ -166,7 +166,7 @@ class Body:
 
     def deformation(self, x: Array) -> Array:
         """Return the deformation gradients (e, g, 3, 3)."""
-        return np.einsum("eai,egaj->egij", x[self.mesh.hexes], self.gradient)
+        return np.asarray(np.einsum("eai,egaj->egij", x[self.mesh.hexes], self.gradient))
 
 
 class Inverted(DidNotConverge):
@@ -199,7 +199,9 @@ def make_body(mesh: Mesh, materials: Sequence[Law], which: Indices) -> Body:
     determinant = np.linalg.det(jacobian)
     if not (determinant > 0).all():
         bad = int(np.argmin(determinant.min(axis=1)))
-        raise BadInput(f"element {bad}", f"has a Jacobian of {determinant[bad].min():.3g} m^3", "order its nodes as VTK")
+        raise BadInput(
+            f"element {bad}", f"has a Jacobian of {determinant[bad].min():.3g} m^3", "order its nodes as VTK"
+        )
     gradient = np.ascontiguousarray(np.einsum("gak,egki->egai", parent, np.linalg.inv(jacobian)))
     square, face_weights = gauss(mesh.order + 1, 2)
     shape, along = serendipity(SQUARE, SIDES, square, mesh.order)

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from data.errors import BadInput, DidNotConverge
+from data.errors import BadInput
 from data.options import option
 from data.signal import Array
-from fem import solver
-from fem.element import Body, Inverted
+from fem import pressure, rigid, solver
+from fem.element import Body
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +40,9 @@ class Newton:
         if not 1e-12 <= self.tolerance <= 1e-3 or self.most_steps < 3 or self.most_move < 1e-4:
             raise BadInput("newton", f"is {self}", "expected a tolerance of 1e-12 to 1e-3, 3 steps, a move of 1e-4")
         if self.solver not in ("", solver.RINGS, solver.SPARSE, solver.GENERAL):
-            raise BadInput("newton, solver", f"is {self.solver!r}", f"known: {solver.RINGS}, {solver.SPARSE}, {solver.GENERAL}")
+            raise BadInput(
+                "newton, solver", f"is {self.solver!r}", f"known: {solver.RINGS}, {solver.SPARSE}, {solver.GENERAL}"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,32 +106,21 @@ class System:
         return float(np.ptp(self.body.mesh.nodes, axis=0).max())
 
     @cached_property
-    def _rim(self) -> Any:
-        """The pressed surface's free edges (r, 2)."""
-        quads = self.body.mesh.pressed[:, :4].astype(np.int64)
-        sides = np.stack([quads, np.roll(quads, -1, axis=1)], axis=-1).reshape(-1, 2)
-        keys, counts = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
-        return keys[(counts == 1) & (keys[:, 0] != keys[:, 1])]
-
-    @cached_property
     def closed(self) -> bool:
-        """Whether the pressed surface is a cavity: it ends on fixed nodes only, and nothing else loads the body."""
-        fixed = bool(self.body.mesh.fixed[self._rim].all())
-        return fixed and len(self.body.mesh.pressed) > 0 and self.dead is None and self.place is None
+        """Whether the pressed surface is a cavity, and nothing else loads the body."""
+        return self.dead is None and self.place is None and pressure.closed(self.body.mesh)
 
     @cached_property
     def symmetric(self) -> bool:
-        """Whether the tangent is symmetric: every edge of the pressed surface is fixed, or slides in a plane."""
-        mesh = self.body.mesh
-        ends = mesh.nodes[self._rim]
-        plane = mesh.fixed[self._rim].all(axis=1) & (np.abs(ends[:, 0] - ends[:, 1]) < 1e-9 * self.extent)
-        return bool((mesh.fixed[self._rim].all(axis=(1, 2)) | plane.any(axis=1)).all())
+        """Whether the tangent is symmetric."""
+        return pressure.symmetric(self.body.mesh)
 
     @cached_property
     def _levels(self) -> Any:
         """Unknowns' level (n, 3) by the best of four sweeps: from the fixed nodes, and along x, y, z."""
         mesh, pattern = self.body.mesh, self.body.pattern
-        seeds = [mesh.fixed.all(axis=1)] if mesh.fixed.all(axis=1).any() else []
+        held = np.asarray(mesh.fixed.all(axis=1))
+        seeds = [held] if held.any() else []
         for along in mesh.nodes.T:
             seeds.append(along <= along.min() + 1e-9 * self.extent)
         found = [np.repeat(solver.sweep(pattern.start, pattern.column, seed), 3) for seed in seeds]
@@ -165,7 +156,7 @@ class System:
 
     @cached_property
     def _places(self) -> tuple[Any, ...]:
-        """CSR patterns free-free, free-tied, tied-tied, free-fixed, tied-fixed whose data are places in the stiffness blocks."""
+        """CSR patterns free-free, free-tied, tied-tied, free-fixed, tied-fixed; their data: places in the blocks."""
         from scipy.sparse import bsr_array
 
         pattern, n = self.body.pattern, 3 * len(self.body.mesh.nodes)
@@ -190,25 +181,9 @@ class System:
         x = self.body.mesh.nodes
         return State(x, 0.0, np.zeros((*self.body.weight.shape, 7)))
 
-    def _arms(self, x: Array) -> tuple[Array, float]:
-        """Return the tied nodes' arms (t, 3) from the last of them [m], and the length that makes rotations lengths."""
-        tied = x[self.body.mesh.tied]
-        arms = tied - tied[-1] if len(tied) else tied
-        return arms, float(np.linalg.norm(arms, axis=1).max(initial=0.0)) or 1.0
-
-    def _rigid_map(self, x: Array) -> Array:
-        """Return d(tied positions) / d(cap's unknowns), (3t, 6 or 0)."""
-        arms, size = self._arms(x)
-        out = np.zeros((len(arms), 3, 6 if len(arms) else 0))
-        if len(arms):
-            out[:, :, :3] = np.eye(3)
-            for k, axis in enumerate(np.eye(3)):
-                out[:, :, 3 + k] = np.cross(axis, arms) / size
-        return out.reshape(3 * len(arms), out.shape[2])
-
     def reduce(self, x: Array, forces: Array) -> Array:
         """Return forces on nodes (n, 3) as forces on the unknowns (k,) [N]."""
-        cap = self._rigid_map(x).T @ forces[self.body.mesh.tied].ravel()
+        cap = rigid.motions(x[self.body.mesh.tied]).T @ forces[self.body.mesh.tied].ravel()
         return np.concatenate([forces.ravel()[self.free], cap])
 
     def moved(self, state: State, step: Array, load: float | None = None, shift: Array | None = None) -> State:
@@ -224,9 +199,8 @@ class System:
         tied = self.body.mesh.tied
         if len(tied):
             cap = step[len(self.free) :]
-            linear[tied] = (self._rigid_map(state.x) @ cap).reshape(-1, 3)
-            arms, size = self._arms(state.x)
-            x[tied] = state.x[tied[-1]] + cap[:3] + arms @ rotation(cap[3:] / size).T
+            linear[tied] = (rigid.motions(state.x[self.body.mesh.tied]) @ cap).reshape(-1, 3)
+            x[tied] = rigid.moved(state.x[tied], cap)
         return State(x, state.load if load is None else load, self.body.linearised(state.x, linear))
 
     def shift(self, state: State, load: float) -> Array | None:
@@ -246,17 +220,16 @@ class System:
             factor: solver.Factor = solver.BlockTridiagonal(matrix, self._ends)
         else:
             factor = solver.SuperLU(matrix, symmetric=self.method == solver.SPARSE)
-        rigid = self._rigid_map(state.x)
-        coupling = self._part(1, forces.stiffness) @ rigid
-        solved = factor.solve(coupling) if rigid.shape[1] else coupling
-        schur = rigid.T @ (self._part(2, forces.stiffness) @ rigid) - coupling.T @ solved
-        if rigid.shape[1]:
-            arms, size = self._arms(state.x)
-            turn = (forces.carried + state.load * slope)[self.body.mesh.tied].T @ arms
-            schur[3:, 3:] += ((turn + turn.T) / 2 - np.trace(turn) * np.eye(3)) / size**2
+        moves = rigid.motions(state.x[self.body.mesh.tied])
+        coupling = self._part(1, forces.stiffness) @ moves
+        solved = factor.solve(coupling) if moves.shape[1] else coupling
+        schur = moves.T @ (self._part(2, forces.stiffness) @ moves) - coupling.T @ solved
+        tied = self.body.mesh.tied
+        if len(tied):
+            schur[3:, 3:] += rigid.turning(state.x[tied], (forces.carried + state.load * slope)[tied])
         across = None
         if self.place is not None:
-            across = np.vstack([self._part(3, forces.stiffness).toarray(), rigid.T @ self._part(4, forces.stiffness)])
+            across = np.vstack([self._part(3, forces.stiffness).toarray(), moves.T @ self._part(4, forces.stiffness)])
         return Tangent(
             self.reduce(state.x, total),
             self.reduce(state.x, slope),
@@ -274,14 +247,3 @@ class System:
     def softest(self) -> float:
         """The least shear modulus [Pa], which loads near 0 are measured against."""
         return self.body.softest
-
-
-def rotation(vector: Array) -> Array:
-    """Return the rotation matrix (3, 3) of a rotation vector (3,) [rad] (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    x, y, z = vector
-    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * k + 0.5 * np.sinc(angle / 2 / np.pi) ** 2 * (k @ k))
-
-
-__all__ = ["BadInput", "DidNotConverge", "Inverted", "Newton", "State", "System", "Tangent", "rotation"]

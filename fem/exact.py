@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from data.errors import DidNotConverge
 from data.signal import Array
 
 
@@ -67,3 +68,46 @@ def torsion(radius: float, twist_per_length: float, mu: float) -> tuple[float, f
     """Return torque [N m] and axial force [N] of a solid cylinder twisted at fixed length (Rivlin)."""
     moment = np.pi * mu * twist_per_length * radius**4 / 2
     return float(moment), float(-np.pi * mu * twist_per_length**2 * radius**4 / 4)
+
+
+def compressible_tube(inner: float, outer: float, mu: float, nu: float, pressure: float) -> tuple[float, float]:
+    """Return the deformed radii [m] of a tube under internal pressure [Pa], plane strain, at any Poisson's ratio.
+
+    W = mu/2 (J^(-2/3) I1 - 3) + K/2 (J - 1)^2; Chebyshev collocation of the radial equilibrium.
+    Raises DidNotConverge where it finds no solution.
+    """
+    from scipy.optimize import root
+
+    bulk, n = 2 * mu * (1 + nu) / (3 * (1 - 2 * nu)), 24
+    at = np.cos(np.pi * np.arange(n + 1) / n)
+    scale = np.where((np.arange(n + 1) % n) == 0, 2.0, 1.0) * (-1.0) ** np.arange(n + 1)
+    gap = at[:, None] - at + np.eye(n + 1)
+    slope = np.outer(scale, 1 / scale) / gap
+    slope -= np.diag(slope.sum(axis=1))
+    slope *= 2 / (outer - inner)
+    R = (outer - inner) / 2 * (at + 1) + inner  # from the outside in
+
+    def stresses(r: Array) -> tuple[Array, Array]:
+        radial, hoop = slope @ r, r / R
+        J = radial * hoop
+        first, sphere = radial**2 + hoop**2 + 1, bulk * (J - 1)
+        radial_pk, hoop_pk = (
+            mu * np.abs(J) ** (-2 / 3) * (own - first / (3 * own)) + sphere * other
+            for own, other in ((radial, hoop), (hoop, radial))
+        )
+        return radial_pk, hoop_pk
+
+    def unbalanced(r: Array) -> Array:
+        radial_pk, hoop_pk = stresses(r * inner)
+        out = (slope @ radial_pk + (radial_pk - hoop_pk) / R) * inner
+        out[0], out[-1] = radial_pk[0], radial_pk[-1] + pressure * r[-1]
+        return out / mu
+
+    tube, start = ThickTube(inner=inner, outer=outer, mu=mu), R / inner
+    bore = np.linspace(inner, 4 * inner, 3000)
+    reached = float(np.interp(pressure, tube.pressure(bore), bore))
+    start = np.sqrt(reached**2 + R**2 - inner**2) / inner
+    found = root(unbalanced, start, tol=1e-14)
+    if np.abs(found.fun).max() > 1e-6 * bulk / mu * 1e-3:
+        raise DidNotConverge(f"compressible tube at {pressure:g} Pa: {found.message}")
+    return float(found.x[-1] * inner), float(found.x[0] * inner)

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fem.material import HOOKE, MOONEY_RIVLIN, NEO_HOOKE, OGDEN, YEOH
+from fem.material import HOOKE, MOONEY_RIVLIN, OGDEN, YEOH
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -89,7 +89,7 @@ def _invariant_law(law: int, q: Array, b: Array, tau: Array, c: Array) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _ogden(q: Array, b: Array, tau: Array, c: Array) -> float:
+def _ogden(q: Array, b: Array, tau: Array, c: Array) -> float:  # noqa: PLR0912, loops are faster written out
     """Ogden's law of the isochoric b (3, 3) in principal axes: set tau and c, return the energy."""
     squares, axes = np.linalg.eigh(b)
     log = 0.5 * np.log(squares)
@@ -129,7 +129,9 @@ def _ogden(q: Array, b: Array, tau: Array, c: Array) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def material_point(law: int, q: Array, F: Array, J: float, tau: Array, c: Array) -> float:
+def material_point(  # noqa: PLR0917, compiled functions take arrays, not objects
+    law: int, q: Array, F: Array, J: float, tau: Array, c: Array
+) -> float:
     """Set the shape-changing part's Kirchhoff stress tau (6,) and tangent c (6, 6) [Pa]; return its energy.
 
     F (3, 3) with determinant J > 0; q the law's numbers. Bonet and Wood, Nonlinear Continuum
@@ -210,7 +212,7 @@ def _moved_stress(A: Array, stress: Array, out: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def linearised(  # noqa: PLR0917, compiled functions take arrays, not objects
+def linearised(  # noqa: PLR0917
     x: Array,
     step: Array,
     hexes: Indices,
@@ -280,7 +282,7 @@ def _add_stiffness(g: Array, tau: Array, c: Array, weight: float, out: Array) ->
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def assemble(  # noqa: PLR0917
+def assemble(  # noqa: PLR0912, PLR0915, PLR0917
     x: Array,
     hexes: Indices,
     G: Array,
@@ -328,7 +330,9 @@ def assemble(  # noqa: PLR0917
             _measure_stress(law[e], F[p], J[p], unit)
             for a in range(nodes):
                 for i in range(3):
-                    g[a, i] = G[e, p, a, 0] * inverse[0, i] + G[e, p, a, 1] * inverse[1, i] + G[e, p, a, 2] * inverse[2, i]
+                    g[a, i] = (
+                        G[e, p, a, 0] * inverse[0, i] + G[e, p, a, 1] * inverse[1, i] + G[e, p, a, 2] * inverse[2, i]
+                    )
             for s in range(6):
                 total[s] = tau[s] + kappa[e] * m * unit[s]
             for a in range(nodes):
@@ -382,7 +386,7 @@ def assemble(  # noqa: PLR0917
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def press(  # noqa: PLR0917
+def press(  # noqa: PLR0912, PLR0917
     x: Array,
     quads: Indices,
     shape: Array,
@@ -435,13 +439,12 @@ def press(  # noqa: PLR0917
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def dense_block(data: Array, column: Integers, start: Integers, first: int, last: int, left: int, out: Array) -> None:
+def dense_block(  # noqa: PLR0917
+    data: Array, column: Integers, start: Integers, first: int, last: int, left: int, out: Array
+) -> None:
     """Fill out (last-first, last-left), Fortran order, with rows first..last, columns left..last, of a CSR matrix."""
     out[:] = 0.0
     for row in range(first, last):
         for at in range(start[row], start[row + 1]):
             if left <= column[at] < last:
                 out[row - first, column[at] - left] += data[at]
-
-
-__all__ = ["NEO_HOOKE", "assemble", "deformation", "dense_block", "material_point", "linearised", "press"]

@@ -39,7 +39,9 @@ class Law(ABC):
         if not 0.0 <= self.nu < 0.5:
             raise BadInput("material, nu", f"is {self.nu:g}", "expected 0 up to, not including, 0.5")
         if not (all(map(isfinite, self.numbers())) and self.shear > 0):
-            raise BadInput("material", f"{type(self).__name__} has a shear modulus of {self.shear:g} Pa", "expected > 0")
+            raise BadInput(
+                "material", f"{type(self).__name__} has a shear modulus of {self.shear:g} Pa", "expected > 0"
+            )
 
     @abstractmethod
     def numbers(self) -> tuple[float, ...]:
@@ -144,7 +146,9 @@ class Ogden(Law):
     def __post_init__(self) -> None:
         """Check the pairs, then as every law."""
         if not 1 <= len(self.mu) == len(self.alpha) <= PARAMETERS // 2 or 0.0 in self.alpha:
-            raise BadInput("Ogden", f"has {len(self.mu)} mu, {len(self.alpha)} alpha", "expected 1 to 3 pairs, no alpha 0")
+            raise BadInput(
+                "Ogden", f"has {len(self.mu)} mu, {len(self.alpha)} alpha", "expected 1 to 3 pairs, no alpha 0"
+            )
         super().__post_init__()
 
     def numbers(self) -> tuple[float, ...]:

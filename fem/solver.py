@@ -33,7 +33,7 @@ class Factor(Protocol):
         ...
 
 
-def sweep(start: Integers, column: Integers, seed: NDArray[np.bool_]) -> Integers:
+def sweep(start: NDArray[np.int32], column: NDArray[np.int32], seed: NDArray[np.bool_]) -> Integers:
     """Return each node's distance from the seeds (n,) in the graph of a CSR pattern; parts not reached follow on."""
     from scipy.sparse import csr_array
 
@@ -91,7 +91,9 @@ def _factored(block: Array) -> _Block:
         raise DidNotConverge("stiffness: is not finite; try a smaller step")
     values, vectors = np.linalg.eigh(block, UPLO="L")
     if np.abs(values).min() <= 1e-15 * np.abs(values).max():
-        raise DidNotConverge("stiffness: is singular; a body that can move freely, or a limit point: use volume control")
+        raise DidNotConverge(
+            "stiffness: is singular; a body that can move freely, or a limit point: use volume control"
+        )
     return _Block(np.asfortranarray((vectors / np.sqrt(np.abs(values))).T), np.sign(values))
 
 
@@ -162,5 +164,5 @@ def _odd(permutation: Integers) -> int:
     from scipy.sparse.csgraph import connected_components
 
     n = len(permutation)
-    graph = csr_array((np.ones(n), permutation, np.arange(n + 1)), shape=(n, n))
+    graph: Any = csr_array((np.ones(n), permutation, np.arange(n + 1)), shape=(n, n))
     return int((n - connected_components(graph, directed=False)[0]) % 2)

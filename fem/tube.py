@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from data.errors import BadInput
 from data.signal import Array
-from fem import grid
+from fem import grid, tube_grid
 from fem.continuation import PRESSURE, Point, follow
 from fem.element import Body, make_body
 from fem.equilibrium import Newton, System
@@ -49,7 +49,7 @@ class Tube:
         if not isinstance(self.material, np.ndarray) or self.material.ndim != 2:
             raise BadInput("tube, material", f"is {type(self.material).__name__}", "expected an array (around, along)")
         voxels = self.material.shape
-        return grid.tube(
+        return tube_grid.tube(
             self.length, self.outer_radius, self.wall, self.divisions, voxels=voxels, cap=self.cap, order=self.order
         )
 
@@ -143,7 +143,7 @@ class Inflation:
 
     @property
     def twist(self) -> Array:
-        """Best-fit rotation about z of the end ring's nodes, seen in the x-y plane (n,) [rad], followed past 180 deg."""
+        """Best-fit rotation about z of the end ring, seen in the x-y plane (n,) [rad], followed past 180 deg."""
         mesh = self.system.body.mesh
         rest = mesh.nodes[mesh.ring, :2] - mesh.nodes[mesh.ring, :2].mean(axis=0)
         now = np.stack([p.x[mesh.ring, :2] for p in self.points])

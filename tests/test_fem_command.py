@@ -38,7 +38,7 @@ def test_text_and_volumes(tmp_path, capsys) -> None:
     ("arguments", "said"),
     [
         (["inflate", "bender"], "a tube scene has a [tube]"),
-        (["inflate", "twist", "--pressure", "20"], "not a number with a unit"),
+        (["inflate", "twist", "--pressure", "20"], "expected something in Pa"),
     ],
 )
 def test_refusals(arguments, said, capsys) -> None:

@@ -5,11 +5,12 @@ import pytest
 from scipy.sparse import bsr_array
 
 from data.errors import BadInput
-from fem import grid
+from fem import grid, tube_grid
 from fem.continuation import follow
 from fem.element import make_body
-from fem.equilibrium import System, rotation
+from fem.equilibrium import System
 from fem.material import Hooke, Law, MooneyRivlin, NeoHooke, Ogden, Yeoh, printable, scaled
+from fem.rigid import rotation
 
 LAWS: list[Law] = [
     NeoHooke(c1=2e5),
@@ -21,7 +22,7 @@ LAWS: list[Law] = [
 
 
 def small_tube(order: int, cap: float = 2e-3) -> grid.Mesh:
-    return grid.tube(0.032, 5e-3, 1e-3, (8, 3, 2), voxels=(8, 3), cap=cap, order=order)
+    return tube_grid.tube(0.032, 5e-3, 1e-3, (8, 3, 2), voxels=(8, 3), cap=cap, order=order)
 
 
 def body_of(mesh: grid.Mesh, law: Law):
@@ -84,7 +85,9 @@ def test_patch(order: int) -> None:
         nodes[~border] += np.random.default_rng(6).uniform(-0.08, 0.08, (int((~border).sum()), 3))
     motion = np.array([[1.2, 0.1, 0.0], [0.05, 0.9, 0.2], [0.0, -0.1, 0.95]])
     mesh = grid.solid(nodes, block.hexes, np.repeat(border[:, None], 3, axis=1))
-    system = System(body_of(mesh, NeoHooke(c1=2e5)), place=lambda load: nodes @ (np.eye(3) + load * (motion - np.eye(3))).T)
+    system = System(
+        body_of(mesh, NeoHooke(c1=2e5)), place=lambda load: nodes @ (np.eye(3) + load * (motion - np.eye(3))).T
+    )
     found = follow(system, [1.0])[0]
     assert np.abs(found.x - nodes @ motion.T).max() < 1e-10
     assert found.negative == 0
@@ -126,7 +129,7 @@ def test_the_follower_pressure_of_a_closed_cavity_has_a_potential() -> None:
 
 
 def test_the_reference_mesh_is_ours(reference) -> None:
-    mesh = grid.tube(0.032, 5e-3, 1e-3, (32, 32, 1), cap=2e-3)
+    mesh = tube_grid.tube(0.032, 5e-3, 1e-3, (32, 32, 1), cap=2e-3)
     from scipy.spatial import cKDTree
 
     off, same = cKDTree(mesh.nodes).query(reference["nodes_mm"] * 1e-3)
@@ -155,9 +158,9 @@ def test_printable_materials_by_name() -> None:
         (lambda: NeoHooke(c1=-1.0), "shear modulus of -2 Pa"),
         (lambda: NeoHooke(c1=1e5, nu=0.5), "not including, 0.5"),
         (lambda: Ogden(mu=(1.0,), alpha=(0.0,)), "no alpha 0"),
-        (lambda: grid.tube(0.03, 5e-3, 6e-3, (32, 32, 1)), "wall < outer radius"),
-        (lambda: grid.tube(0.03, 5e-3, 1e-3, (48, 32, 1)), "multiples of the"),
-        (lambda: grid.tube(0.03, 5e-3, 1e-3, (4, 4, 1), voxels=(4, 4), cap=1e-3), "multiple of 8"),
+        (lambda: tube_grid.tube(0.03, 5e-3, 6e-3, (32, 32, 1)), "wall < outer radius"),
+        (lambda: tube_grid.tube(0.03, 5e-3, 1e-3, (48, 32, 1)), "multiples of the"),
+        (lambda: tube_grid.tube(0.03, 5e-3, 1e-3, (4, 4, 1), voxels=(4, 4), cap=1e-3), "multiple of 8"),
     ],
 )
 def test_what_makes_no_solid_is_refused(make, said) -> None:

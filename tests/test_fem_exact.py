@@ -19,6 +19,21 @@ def test_closed_tube_in_closed_form() -> None:
     assert [1e3 * m for m in exact.torsion(5e-3, 80.0, 4e5)] == pytest.approx([31.415927, -1256.637], rel=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("sizes", "kpa", "nu", "radii"),
+    [
+        ((4, 5), 46.819304, 0.49, (5.0216375, 5.8541716)),
+        ((4, 5), 46.819304, 0.499, (5.0021587, 5.8332691)),
+        ((4, 5), 46.819304, 0.4999, (5.0002158, 5.8311836)),
+        ((2, 4), 171.291364, 0.49, (3.0158448, 4.6004026)),
+        ((2, 4), 171.291364, 0.499, (3.0015762, 4.5843508)),
+    ],
+)
+def test_compressible_tube(sizes, kpa, nu, radii) -> None:
+    found = exact.compressible_tube(sizes[0] * 1e-3, sizes[1] * 1e-3, 4e5, nu, 1e3 * kpa)
+    assert [1e3 * r for r in found] == pytest.approx(radii, abs=0.6e-7)
+
+
 def test_thick_tube_q1p0() -> None:
     for layers, off in ((1, 0.0087), (2, 0.0060), (4, 0.0054)):
         assert cases.thick_tube(layers, 32, 1).error == pytest.approx(off, abs=0.6e-4)

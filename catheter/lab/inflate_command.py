@@ -17,9 +17,16 @@ if TYPE_CHECKING:
 def inflate_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `inflate`."""
     parser.add_argument("scene", nargs="?", default="twist", help="a shipped scene (twist), or a .toml file")
-    parser.add_argument("--pressure", action="append", metavar="PRESSURE", help="as '20 kPa', instead of the scene's; repeatable")
-    parser.add_argument("--volume", action="append", type=float, metavar="RATIO",
-                        help="cavity volume over that at rest, instead of the scene's loads; repeatable")
+    parser.add_argument(
+        "--pressure", action="append", metavar="PRESSURE", help="as '20 kPa', instead of the scene's; repeatable"
+    )
+    parser.add_argument(
+        "--volume",
+        action="append",
+        type=float,
+        metavar="RATIO",
+        help="cavity volume over that at rest, instead of the scene's loads; repeatable",
+    )
 
 
 def inflate_(options: argparse.Namespace) -> "Outcome":
@@ -63,8 +70,12 @@ def _outcome(run: "Inflation", title: str, seconds: float) -> "Outcome":
     ]
     digits = (3, 4, 4, 4, 3, 4, 3)
     shown = [
-        [*(f"{row[name]:.{n}f}" for name, n in zip(columns, digits, strict=True)), str(row["overstretched"]),
-         "yes" if row["stable"] else "no", str(row["iterations"])]  # fmt: skip
+        [
+            *(f"{row[name]:.{n}f}" for name, n in zip(columns, digits, strict=True)),
+            str(row["overstretched"]),
+            "yes" if row["stable"] else "no",
+            str(row["iterations"]),
+        ]
         for row in rows
     ]
     head = ["kPa", "V/V0", "twist deg", "ext. mm", "bend deg", "W mJ", "stretch", "over", "stable", "its"]
@@ -73,5 +84,11 @@ def _outcome(run: "Inflation", title: str, seconds: float) -> "Outcome":
         f"{len(run.system.free)} unknowns, {run.solver}, {run.iterations.sum()} Newton iterations, {seconds:.2f} s.",
         "Twist: end ring, anticlockwise as seen from +z. over: voxels stretched past their material's elongation.",
     ]
-    values = {"simulated": True, "solver": run.solver, "unknowns": len(run.system.free), "seconds": seconds, "loads": rows}
+    values = {
+        "simulated": True,
+        "solver": run.solver,
+        "unknowns": len(run.system.free),
+        "seconds": seconds,
+        "loads": rows,
+    }
     return Outcome(values, parts)

@@ -231,10 +231,23 @@ def _design(name: str) -> Callable[..., Report]:
     return made
 
 
+def _elements(name: str) -> Callable[..., Report]:
+    """Return a report on the finite elements, whose study is imported when it is asked for."""
+
+    def made(*, quick: bool, recording: str | None, progress: Progress) -> Report:
+        _refuse(recording, name)
+        from catheter.lab import fem_study
+
+        return {"fem": fem_study.fem, "stability-fem": fem_study.stability}[name](quick, progress)
+
+    return made
+
+
 REPORTS: dict[str, Callable[..., Report]] = {
     "regression": regression,
     "hysteresis": hysteresis,
     "recordings": recordings,
     "damage": damage,
     **{name: _design(name) for name in ("free", "stability-free", "valves")},
+    **{name: _elements(name) for name in ("fem", "stability-fem")},
 }
