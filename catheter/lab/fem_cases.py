@@ -94,7 +94,8 @@ def rivlin(around: int, order: int, nu: float = 0.4999) -> tuple[Case, Case]:
     """Twist a solid cylinder of 5 mm radius by 0.08 rad/mm at fixed length: torque, axial force."""
     angle = 2 * np.pi * np.arange(around * order) / (around * order)
     rim = 5 * MM * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    heights = 1 * MM * np.arange(2 * order + 1) / (2 * order)
+    tall = around // 8 * order
+    heights = 1 * MM * np.arange(tall + 1) / tall
     parts = tube_grid.rod(rim, heights, order, collar=around // 8)
     nodes, new = grid.merge([p.nodes for p in parts], 1e-9)
     hexes = np.vstack([number[p.hexes].reshape(-1, p.hexes.shape[-1]) for number, p in zip(new, parts, strict=True)])
