@@ -37,3 +37,10 @@ def recorded(tmp_path: Path) -> Path:
             }
         )
     return path
+
+
+@pytest.fixture(scope="session")
+def reference() -> dict[str, np.ndarray]:
+    """TWIST's mesh, 32 x 32 x 1, as six codes solved it."""
+    with np.load(ROOT / "tests" / "reference" / "twist_32x32x1.npz") as file:
+        return dict(file)

@@ -29,6 +29,8 @@ STUDIES = {  # the module of each report; the function has its name, with "_" fo
     "sysid-stability": "sysid_study",
     "hydraulics": "circuit_study",
     "hydraulics-stability": "circuit_study",
+    "fem": "fem_study",
+    "fem-stability": "fem_study",
     "twist": "vision_study",
     "twist-stress": "vision_stress",
     "twist-containers": "container_study",

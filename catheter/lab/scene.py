@@ -39,6 +39,11 @@ TABLES: dict[str, dict[str, str]] = {
         "marks": "catheter.tuning.Marks",
         "extender": "catheter.robot.Extender",
     },
+    "tube": {
+        "tube": "catheter.inflatable.Shape",
+        "map": "catheter.inflatable.Pattern",
+        "path": "catheter.inflatable.Path",
+    },
     "chirp": {"drive": "sysid.excitation.Chirp", **_BENDER},
     "ramp": {"drive": "sysid.excitation.Ramp", **_BENDER},
     "staircase": {"drive": "sysid.excitation.Staircase", **_BENDER},

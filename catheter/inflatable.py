@@ -1,0 +1,104 @@
+"""A printed tube as a scene describes it: shape, voxel map of two materials, loads."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.errors import BadInput
+from data.options import option
+
+if TYPE_CHECKING:
+    from fem.tube import Inflation, Tube
+
+MM, KPA = 1e-3, 1e3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shape:
+    """A tube from its fixed base to its cap [m], and how finely it is divided (around, along, through the wall).
+
+    cap: thickness of an elastic disc of 2 GPa, 0 for a rigid cap. nodes: 8 or 20 of an element.
+    """
+
+    length: float = option(32 * MM, unit="m", least=1e-6)
+    outer_radius: float = option(5 * MM, unit="m", least=1e-6)
+    wall: float = option(1 * MM, unit="m", least=1e-7)
+    cap: float = option(0.0, unit="m", least=0.0)
+    divisions: tuple[int, ...] = option((32, 32, 2), least=1, most=512)
+    voxels: tuple[int, ...] = option((32, 32), least=1, most=512)
+    nodes: str = option("8", choices=("8", "20"))
+    nu: float = option(0.499, least=0.0, most=0.499999)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pattern:
+    """Where the stiff of two printable materials (thesis Table 5.1) goes; i counts voxels around, j along.
+
+    helix: (i - j) mod period < width, a left-handed wrap; strip: i < width; rings: j mod period <
+    width; bender: strip and rings together; uniform: nowhere.
+    """
+
+    soft: str = "Agilus30"
+    stiff: str = "FLX9785"
+    pattern: str = option("uniform", choices=("uniform", "helix", "strip", "rings", "bender"))
+    period: int = option(16, least=1)
+    width: int = option(4, least=0)
+
+    def stiff_voxels(self, around: int, along: int) -> NDArray[np.bool_]:
+        """Return which voxels are stiff (around, along)."""
+        i, j = np.indices((around, along))
+        strip, rings = i < self.width, j % self.period < self.width
+        found = {
+            "uniform": np.zeros((around, along), dtype=bool),
+            "helix": (i - j) % self.period < self.width,
+            "strip": strip,
+            "rings": rings,
+            "bender": strip | rings,
+        }
+        return found[self.pattern]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Path:
+    """The loads in turn: pressures [Pa], or cavity volumes over the volume at rest; exactly these are solved."""
+
+    pressures: tuple[float, ...] = option((), unit="Pa")
+    volume_ratios: tuple[float, ...] = option((), least=1e-3)
+    tolerance: float = option(1e-8, least=1e-12, most=1e-3)
+
+
+def build(shape: Shape, pattern: Pattern, path: Path) -> "Tube":
+    """Return the tube of a scene. Raises BadInput for what makes no tube, and for materials without c1."""
+    from fem.equilibrium import Newton
+    from fem.material import printable
+    from fem.tube import Tube
+
+    if len(shape.divisions) != 3 or len(shape.voxels) != 2:
+        raise BadInput("tube", f"divisions {shape.divisions}, voxels {shape.voxels}", "expected 3 and 2 numbers")
+    around, along = shape.voxels
+    material = np.full((around, along), printable(pattern.soft, nu=shape.nu), dtype=object)
+    stiff = pattern.stiff_voxels(around, along)
+    if stiff.any():
+        material[stiff] = printable(pattern.stiff, nu=shape.nu)
+    return Tube(
+        length=shape.length,
+        outer_radius=shape.outer_radius,
+        wall=shape.wall,
+        cap=shape.cap,
+        divisions=(shape.divisions[0], shape.divisions[1], shape.divisions[2]),
+        material=material,
+        order=1 if shape.nodes == "8" else 2,
+        newton=Newton(tolerance=path.tolerance),
+    )
+
+
+def inflated(shape: Shape, pattern: Pattern, path: Path) -> "Inflation":
+    """Return the equilibria of a scene's tube. Raises BadInput unless exactly one kind of load is given."""
+    if bool(path.pressures) == bool(path.volume_ratios):
+        raise BadInput("path", "has both, or neither, of pressures and volume_ratios", "give one of them")
+    tube = build(shape, pattern, path)
+    if path.pressures:
+        return tube.inflate(path.pressures)
+    return tube.inflate(np.array(path.volume_ratios) * tube.rest_volume, "volume")

@@ -1,0 +1,249 @@
+"""Equilibrium of a body under fluid pressure: unknowns, their tangent, Newton's method.
+
+Unknowns are the free displacement components, level by level, then the rigid cap's three
+displacements and three rotations (as arc lengths on its ring), then, under volume control, the pressure.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from data.errors import BadInput
+from data.options import option
+from data.signal import Array
+from fem import pressure, rigid, solver
+from fem.element import Body
+
+
+@dataclass(frozen=True, kw_only=True)
+class Newton:
+    """How equilibrium is found.
+
+    tolerance: residual over the load (or the rounding of the positions, where that is more), before a
+    last correction with the factor at hand.
+    most_steps: iterations in a sub-step before it is cut. most_move: the largest displacement in an
+    iteration, and in a predictor, over the body's extent. smallest: the smallest sub-step, as
+    a share of the way from one requested load to the next. solver: "" lets the mesh decide.
+    """
+
+    tolerance: float = option(1e-8, least=1e-12, most=1e-3)
+    most_steps: int = option(20, least=3)
+    most_move: float = option(0.03, least=1e-4)
+    smallest: float = option(1e-3, least=1e-9, most=1.0)
+    solver: str = option("", choices=("", solver.RINGS, solver.SPARSE, solver.GENERAL))
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if not 1e-12 <= self.tolerance <= 1e-3 or self.most_steps < 3 or self.most_move < 1e-4:
+            raise BadInput("newton", f"is {self}", "expected a tolerance of 1e-12 to 1e-3, 3 steps, a move of 1e-4")
+        if self.solver not in ("", solver.RINGS, solver.SPARSE, solver.GENERAL):
+            raise BadInput(
+                "newton, solver", f"is {self.solver!r}", f"known: {solver.RINGS}, {solver.SPARSE}, {solver.GENERAL}"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Positions x (n, 3) [m] at a load (the pressure [Pa]), the stresses (e, g, 7) its tangent is to use."""
+
+    x: Array
+    load: float
+    held: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Tangent:
+    """A factorised tangent at a state, with the residual (k,) [N], its slope over the load (k,), energy and volume.
+
+    reaction (n, 3) are the forces on all nodes [N]. slope is -dV/dx [m^2] for a pressure. across
+    (k, f) couples to the fixed components; coupling (free, 6) to the cap, solved (free, 6) is
+    its solution, schur (6, 6) the cap's reduced stiffness.
+    """
+
+    residual: Array
+    slope: Array
+    volume: float
+    energy: float
+    reaction: Array
+    factor: solver.Factor
+    across: Any
+    coupling: Array
+    solved: Array
+    schur: Array
+
+    @property
+    def negative(self) -> int:
+        """How many pivots of the whole tangent are negative; 0 where the state is stable under that pressure."""
+        return self.factor.negative + int((np.linalg.eigvalsh(self.schur) < 0).sum())
+
+    def solve(self, right: Array) -> Array:
+        """Return the unknowns (k, m) for right-hand sides (k, m)."""
+        free = len(self.coupling)
+        first = self.factor.solve(right[:free])
+        cap = np.linalg.solve(self.schur, right[free:] - self.coupling.T @ first)
+        return np.vstack([first - self.solved @ cap, cap])
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """A body's unknowns, in the order that suits the solver, and what a load does to it.
+
+    A load is the pressure on the pressed faces [Pa]; dead (n, 3) are forces per unit of load
+    beside it [N]; place says where the mesh's nodes (n, 3) stand at a load as far as they are fixed.
+    """
+
+    body: Body
+    newton: Newton = field(default_factory=Newton)
+    dead: Array | None = None
+    place: Callable[[float], Array] | None = None
+
+    @cached_property
+    def extent(self) -> float:
+        """The largest side of the body's box [m]."""
+        return float(np.ptp(self.body.mesh.nodes, axis=0).max())
+
+    @cached_property
+    def closed(self) -> bool:
+        """Whether the pressed surface is a cavity, and nothing else loads the body."""
+        return self.dead is None and self.place is None and pressure.closed(self.body.mesh)
+
+    @cached_property
+    def symmetric(self) -> bool:
+        """Whether the tangent is symmetric."""
+        return pressure.symmetric(self.body.mesh)
+
+    @cached_property
+    def _levels(self) -> Any:
+        """Unknowns' level (n, 3) by the best of four sweeps: from the fixed nodes, and along x, y, z."""
+        mesh, pattern = self.body.mesh, self.body.pattern
+        held = np.asarray(mesh.fixed.all(axis=1))
+        seeds = [held] if held.any() else []
+        for along in mesh.nodes.T:
+            seeds.append(along <= along.min() + 1e-9 * self.extent)
+        found = [np.repeat(solver.sweep(pattern.start, pattern.column, seed), 3) for seed in seeds]
+        return min(found, key=lambda level: solver.work(level[self._moves]))
+
+    @cached_property
+    def _moves(self) -> Any:
+        moves = ~self.body.mesh.fixed
+        moves[self.body.mesh.tied] = False
+        if not moves.any():
+            raise BadInput("mesh, fixed", "nothing can move", "free some nodes")
+        return moves.ravel()
+
+    @cached_property
+    def free(self) -> Any:
+        """Numbers of the free displacement components, level by level (k,)."""
+        free = np.flatnonzero(self._moves)
+        return free[np.argsort(self._levels[free], kind="stable")]
+
+    @cached_property
+    def _ends(self) -> Any:
+        """Where each level's unknowns end."""
+        counts = np.bincount(self._levels[self.free])
+        return np.cumsum(counts[counts > 0])
+
+    @cached_property
+    def method(self) -> str:
+        """The name of the solver: what the options say, or what suits the mesh."""
+        if not self.symmetric:
+            return solver.GENERAL
+        dense = solver.work(self._levels[self.free]) <= solver.MOST_WORK
+        return self.newton.solver or (solver.RINGS if dense else solver.SPARSE)
+
+    @cached_property
+    def _places(self) -> tuple[Any, ...]:
+        """CSR patterns free-free, free-tied, tied-tied, free-fixed, tied-fixed; their data: places in the blocks."""
+        from scipy.sparse import bsr_array
+
+        pattern, n = self.body.pattern, 3 * len(self.body.mesh.nodes)
+        numbers = np.arange(9 * len(pattern.column), dtype=np.int64).reshape(-1, 3, 3) + 1
+        whole = bsr_array((numbers, pattern.column, pattern.start), shape=(n, n)).tocsr()
+        tied = (3 * self.body.mesh.tied[:, None] + np.arange(3)).ravel()
+        rows, cap, fixed = whole[self.free], whole[tied], np.flatnonzero(self.body.mesh.fixed)
+        parts = rows[:, self.free], rows[:, tied], cap[:, tied], rows[:, fixed], cap[:, fixed]
+        for part in parts:
+            part.data -= 1
+            part.sort_indices()
+        return parts
+
+    def _part(self, k: int, stiffness: Array) -> Any:
+        from scipy.sparse import csr_array
+
+        place = self._places[k]
+        return csr_array((stiffness.ravel()[place.data], place.indices, place.indptr), shape=place.shape)
+
+    def rest(self) -> State:
+        """Return the body at rest without pressure."""
+        x = self.body.mesh.nodes
+        return State(x, 0.0, np.zeros((*self.body.weight.shape, 7)))
+
+    def reduce(self, x: Array, forces: Array) -> Array:
+        """Return forces on nodes (n, 3) as forces on the unknowns (k,) [N]."""
+        cap = rigid.motions(x[self.body.mesh.tied]).T @ forces[self.body.mesh.tied].ravel()
+        return np.concatenate([forces.ravel()[self.free], cap])
+
+    def moved(self, state: State, step: Array, load: float | None = None, shift: Array | None = None) -> State:
+        """Return the state after a step of the unknowns (k,) [m] and of the fixed components (f,) [m], at a load.
+
+        The stresses that its tangent holds are linearised along the step.
+        """
+        linear, x = np.zeros_like(state.x), state.x.copy()
+        linear.ravel()[self.free] = step[: len(self.free)]
+        if shift is not None:
+            linear[self.body.mesh.fixed] = shift
+        x += linear
+        tied = self.body.mesh.tied
+        if len(tied):
+            cap = step[len(self.free) :]
+            linear[tied] = (rigid.motions(state.x[self.body.mesh.tied]) @ cap).reshape(-1, 3)
+            x[tied] = rigid.moved(state.x[tied], cap)
+        return State(x, state.load if load is None else load, self.body.linearised(state.x, linear))
+
+    def shift(self, state: State, load: float) -> Array | None:
+        """Return how far the fixed components are from where they stand at a load (f,) [m]; None: nowhere."""
+        fixed = self.body.mesh.fixed
+        return None if self.place is None else self.place(load)[fixed] - state.x[fixed]
+
+    def tangent(self, state: State) -> Tangent:
+        """Return residual and factorised tangent of a state. Raises Inverted, or DidNotConverge where singular."""
+        forces = self.body.forces(state.x, state.held)
+        slope, volume = self.body.fluid(state.x, state.load, forces.stiffness)
+        if self.dead is not None:
+            slope -= self.dead
+        total = forces.force + state.load * slope
+        matrix = self._part(0, forces.stiffness)
+        if self.method == solver.RINGS:
+            factor: solver.Factor = solver.BlockTridiagonal(matrix, self._ends)
+        else:
+            factor = solver.SuperLU(matrix, symmetric=self.method == solver.SPARSE)
+        moves = rigid.motions(state.x[self.body.mesh.tied])
+        coupling = self._part(1, forces.stiffness) @ moves
+        solved = factor.solve(coupling) if moves.shape[1] else coupling
+        schur = moves.T @ (self._part(2, forces.stiffness) @ moves) - coupling.T @ solved
+        tied = self.body.mesh.tied
+        if len(tied):
+            schur[3:, 3:] += rigid.turning(state.x[tied], (forces.carried + state.load * slope)[tied])
+        across = None
+        if self.place is not None:
+            across = np.vstack([self._part(3, forces.stiffness).toarray(), moves.T @ self._part(4, forces.stiffness)])
+        return Tangent(
+            self.reduce(state.x, total),
+            self.reduce(state.x, slope),
+            volume,
+            forces.energy,
+            total,
+            factor,
+            across,
+            coupling,
+            solved,
+            schur,
+        )
+
+    @property
+    def softest(self) -> float:
+        """The least shear modulus [Pa], which loads near 0 are measured against."""
+        return self.body.softest
