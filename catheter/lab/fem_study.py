@@ -8,6 +8,7 @@ from functools import cache, partial
 import numpy as np
 
 from catheter.lab import fem_cases as cases
+from catheter.lab.fem_peers import peer_rows
 from catheter.lab.report import Progress, Report, Row, measure
 from data.errors import CatheterError
 from fem import grid
@@ -39,16 +40,18 @@ def fem(quick: bool, progress: Progress) -> Report:
     for done, (name, order, level, solve) in enumerate(jobs):
         rows.append(measure(f"{name}, {ELEMENTS[order]}", level, solve, _error))
         progress((done + 1) / len(jobs))
+    peers, peer_notes = peer_rows(twist_tube((32, 32, 1)))
     return Report(
         name="fem",
         title="Finite elements on problems with known answers: error against run time",
         level="mesh",
         error="relative error",
-        rows=rows,
+        rows=rows + peers,
         notes=[
             f"First solves, with numba's compilation or its cache: {compiled:.1f} s, not in the rows.",
             "Truths: Rivlin's closed forms, collocation of the compressible tube; Cook and cantilever by fine meshes.",
             *_twist_notes(quick),
+            *peer_notes,
         ],
     )
 
