@@ -8,6 +8,7 @@ from functools import cache, partial
 import numpy as np
 
 from catheter.lab import fem_cases as cases
+from catheter.lab.fem_peers import peer_rows
 from catheter.lab.report import Progress, Report, Row, measure
 from data.errors import CatheterError
 from fem import grid
@@ -28,7 +29,7 @@ def twist_tube(divisions: tuple[int, int, int], order: int = 1, **given: float) 
     return tube
 
 
-def fem(*, quick: bool, progress: Progress) -> Report:
+def fem(*, quick: bool, progress: Progress, peers: bool) -> Report:
     """Solve problems with known answers on finer and finer meshes with both elements."""
     started = time.perf_counter()
     for order in ELEMENTS:
@@ -39,16 +40,18 @@ def fem(*, quick: bool, progress: Progress) -> Report:
     for done, (name, order, level, solve) in enumerate(jobs):
         rows.append(measure(f"{name}, {ELEMENTS[order]}", level, solve, _error))
         progress((done + 1) / len(jobs))
+    others, peer_notes = peer_rows(twist_tube((32, 32, 1)), peers=peers)
     return Report(
         name="fem",
         title="Finite elements on problems with known answers: error against run time",
         level="mesh",
         error="relative error",
-        rows=rows,
+        rows=rows + others,
         notes=[
             f"First solves, with numba's compilation or its cache: {compiled:.1f} s, not in the rows.",
             "Truths: Rivlin's closed forms, collocation of the compressible tube; Cook and cantilever by fine meshes.",
             *_twist_notes(quick),
+            *peer_notes,
         ],
     )
 

@@ -38,7 +38,7 @@ STUDIES = {  # the module of each report; the function has its name, with "_" fo
 }
 
 
-WITH_PEERS = ("hydraulics",)  # reports that can run other tools beside ours
+WITH_PEERS = ("hydraulics", "fem")  # reports that can run other tools beside ours
 
 
 def report_options(parser: argparse.ArgumentParser) -> None:
