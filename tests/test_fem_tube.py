@@ -10,7 +10,7 @@ from fem import grid, solver
 from fem.continuation import follow, limit_point
 from fem.element import Body, make_body
 from fem.equilibrium import Newton, System
-from fem.material import NeoHooke
+from fem.material import NeoHooke, Yeoh
 from fem.rigid import motions
 from fem.tube import Tube
 
@@ -202,6 +202,7 @@ def test_a_mirrored_map_twists_the_other_way() -> None:
 def test_overstretched_voxels_are_flagged() -> None:
     tube = small()
     tube.material[3, 4] = NeoHooke(c1=2e5, elongation=0.01)
+    tube.material[0, 4] = NeoHooke(c1=2e5, elongation=0.9)  # a strain, not a stretch: far from reached
     run = tube.inflate([40 * KPA])
     assert run.stretch()[3, 4] > 1.01
     assert np.argwhere(run.overstretched()).tolist() == [[3, 4]]
@@ -236,3 +237,25 @@ def test_a_voxel_without_a_law_is_refused() -> None:
     tube.material[0, 0] = "Agilus30"
     with pytest.raises(BadInput, match="expected laws"):
         tube.inflate([1.0])
+
+
+def test_pressure_control_stops_where_stability_is_lost_even_if_an_equilibrium_is_there() -> None:
+    tube = small()
+    beyond = 115 * KPA
+    there = tube.inflate(np.linspace(1.1, 1.6, 6) * tube.rest_volume, "volume")
+    assert there.pressure[-1] > beyond
+    assert not there.stable[-1]
+    with pytest.raises(DidNotConverge, match=r"stops at 10.* kPa on the way to 115 kPa: 1 negative pivot.*'volume'"):
+        tube.inflate([beyond])
+
+
+def test_pressure_control_does_not_jump_to_the_far_branch_of_a_stiffening_tube() -> None:
+    tube = small()
+    tube.material[:] = Yeoh(c1=2e5, c2=0.0, c3=400.0)
+    far = tube.inflate(np.array([1.2, 1.6, 2.2, 3, 4, 6, 9, 12, 16]) * tube.rest_volume, "volume")
+    top = far.pressure[:5].max()
+    assert far.stable[0]
+    assert far.pressure[-1] > 1.1 * top
+    for move in (0.03, 0.3):  # with the longer one Newton's method finds the far branch at once
+        with pytest.raises(DidNotConverge, match="control='volume'"):
+            replace(tube, newton=Newton(most_move=move)).inflate([1.05 * top])

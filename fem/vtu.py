@@ -1,0 +1,59 @@
+"""Deformed meshes for ParaView: VTK's XML format for unstructured grids, written without VTK."""
+
+import base64
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.files import fresh
+from fem.tube import Inflation
+
+HEXAHEDRON, QUADRATIC_HEXAHEDRON = 12, 25  # vtkCellType.h
+_NAMES = {"f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
+
+
+def write_vtu(run: Inflation, path: Path, index: int = -1, *, force: bool = False) -> None:
+    """Write one load's mesh at rest with its displacement [m], and by cell: voxel, shear modulus [Pa], stretch.
+
+    ParaView shows it deformed by "Warp by Vector". Raises CannotWrite.
+    """
+    body, x = run.system.body, run.points[index].x
+    mesh = body.mesh
+    stretch = np.linalg.norm(body.deformation(x), ord=2, axis=(-2, -1)).max(axis=1)
+    laws = [*run.tube.material.ravel(), run.tube.cap_material]
+    shear = np.array([law.shear for law in laws])[mesh.part]
+    kind = HEXAHEDRON if mesh.order == 1 else QUADRATIC_HEXAHEDRON
+    count, width = mesh.hexes.shape
+    cells = {
+        "connectivity": mesh.hexes.ravel(),
+        "offsets": np.arange(1, count + 1, dtype=np.int64) * width,
+        "types": np.full(count, kind, dtype=np.uint8),
+    }
+    parts = [
+        ("PointData", {"displacement": x - mesh.nodes}),
+        ("CellData", {"voxel": mesh.part, "shear_modulus": shear, "stretch": stretch}),
+        ("Points", {"position": mesh.nodes}),
+        ("Cells", cells),
+    ]
+    inside = "".join(
+        f"<{tag}>" + "".join(_array(name, values) for name, values in arrays.items()) + f"</{tag}>\n"
+        for tag, arrays in parts
+    )
+    text = (
+        '<?xml version="1.0"?>\n'
+        '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
+        f'<UnstructuredGrid><Piece NumberOfPoints="{len(mesh.nodes)}" NumberOfCells="{count}">\n'
+        f"{inside}</Piece></UnstructuredGrid></VTKFile>\n"
+    )
+    with fresh(path, force) as temporary:
+        temporary.write_text(text, encoding="ascii")
+
+
+def _array(name: str, values: NDArray[np.generic]) -> str:
+    little = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
+    size = np.array([little.nbytes], dtype="<u8").tobytes()
+    width = f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""
+    text = base64.b64encode(size + little.tobytes()).decode("ascii")
+    kind = _NAMES[values.dtype.str[1:]]
+    return f'<DataArray type="{kind}" Name="{name}"{width} format="binary">{text}</DataArray>'
