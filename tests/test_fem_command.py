@@ -58,3 +58,17 @@ def test_patterns_and_a_material_without_c1() -> None:
     assert (stiff == ((i - j) % 16 < 4)).all()
     with pytest.raises(BadInput, match="no fit is given"):
         inflated(scene.tube, Pattern(stiff="Dragon Skin 10", pattern="strip"), scene.path)
+
+
+def test_a_python_without_felupe_is_refused(monkeypatch) -> None:
+    from catheter.lab import fem_peers
+    from catheter.lab.fem_study import twist_tube
+
+    monkeypatch.setenv(fem_peers.VARIABLE, "/no/such/python")
+    with pytest.raises(BadInput, match="does not run felupe"):
+        fem_peers.peer_rows(twist_tube((32, 32, 1)))
+    monkeypatch.delenv(fem_peers.VARIABLE)
+    rows, notes = fem_peers.peer_rows(twist_tube((32, 32, 1)))
+    assert [row.method for row in rows] == ["TWIST to 20 kPa, this project"]
+    assert rows[0].error < 1e-9
+    assert "left out" in notes[-1]
