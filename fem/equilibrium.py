@@ -208,6 +208,11 @@ class System:
         fixed = self.body.mesh.fixed
         return None if self.place is None else self.place(load)[fixed] - state.x[fixed]
 
+    def forces(self, state: State) -> tuple[Array, float]:
+        """Return the unbalanced forces on all nodes (n, 3) [N], reactions where they are fixed, and the energy [J]."""
+        inside, slope = self.body.forces(state.x), self.body.fluid(state.x)[0]
+        return inside.force + state.load * (slope if self.dead is None else slope - self.dead), inside.energy
+
     def tangent(self, state: State) -> Tangent:
         """Return residual and factorised tangent of a state. Raises Inverted, or DidNotConverge where singular."""
         forces = self.body.forces(state.x, state.held)

@@ -440,11 +440,18 @@ def press(  # noqa: PLR0912, PLR0917
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def dense_block(  # noqa: PLR0917
-    data: Array, column: Integers, start: Integers, first: int, last: int, left: int, out: Array
+    data: Array, column: Indices, start: Indices, first: int, last: int, left: int, out: Array
 ) -> None:
-    """Fill out (last-first, last-left), Fortran order, with rows first..last, columns left..last, of a CSR matrix."""
-    out[:] = 0.0
-    for row in range(first, last):
-        for at in range(start[row], start[row + 1]):
-            if left <= column[at] < last:
-                out[row - first, column[at] - left] += data[at]
+    """Fill out (last-first, last-left), Fortran order: rows first..last, columns left..last of a symmetric CSR matrix.
+
+    Its rows, columns ascending, are read as columns, so that what is written lies together.
+    """
+    for row in range(left, last):
+        for i in range(last - first):
+            out[i, row - left] = 0.0
+        for at in range(start[row + 1] - 1, start[row] - 1, -1):
+            k = column[at]
+            if k < first:
+                break
+            if k < last:
+                out[k - first, row - left] = data[at]

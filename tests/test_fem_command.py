@@ -58,3 +58,20 @@ def test_patterns_and_a_material_without_c1() -> None:
     assert (stiff == ((i - j) % 16 < 4)).all()
     with pytest.raises(BadInput, match="no fit is given"):
         inflated(scene.tables["tube"], Pattern(stiff="Dragon Skin 10", pattern="strip"), scene.tables["path"])
+
+
+def test_a_peer_that_fails_is_a_row_that_says_so(monkeypatch) -> None:
+    from catheter.lab import fem_peers
+    from catheter.lab.fem_study import twist_tube
+    from data.errors import CatheterError
+
+    def refuse(*_: object) -> None:
+        raise CatheterError("felupe cannot be installed")
+
+    monkeypatch.setattr(fem_peers, "run_peer", refuse)
+    rows, _ = fem_peers.peer_rows(twist_tube((32, 32, 1)), peers=True)
+    assert [row.failed for row in rows] == ["", *["felupe cannot be installed"] * 2]
+    rows, notes = fem_peers.peer_rows(twist_tube((32, 32, 1)), peers=False)
+    assert [row.method for row in rows] == ["TWIST to 20 kPa, this project"]
+    assert rows[0].error < 1e-9
+    assert "left out" in notes[-1]
