@@ -41,7 +41,7 @@ def test_the_order_is_the_last_that_lowers_the_residual_by_its_share() -> None:
 
 
 def test_no_jump_at_high_orders_where_plain_powers_have_one() -> None:
-    # like a balloon: steep, then falling, then steep; 56 points, as the real one of the spec
+    # like a balloon: steep, then falling, then steep; 56 points, as a real one measured by others
     x = np.linspace(0, 4, 56)
     pressure = 2e4 * x * np.exp(-1.3 * x) * (1 + 0.02 * x**4) + 20 * np.random.default_rng(2).normal(size=56)
     found = fit_accumulator(1 + x, pressure)

@@ -14,7 +14,7 @@ def test_run_prints_events_beside_the_published(capsys) -> None:
     assert found["events_s"] == pytest.approx({"tB": 0.03140, "tC": 0.15486, "tE": 1.01400, "tF": 1.20574}, abs=1e-5)
     assert found["J"] == pytest.approx(0.17219, abs=1e-5)
     assert found["mismatch"]["events_s"]["tF"] == pytest.approx(1.20574 - 1.16, abs=1e-5)
-    assert found["stroke_mm"] == pytest.approx(92.8 / 3, abs=0.1)  # 92.8 mm for a length of 300 mm (spec, section 5)
+    assert found["stroke_mm"] == pytest.approx(92.8 / 3, abs=0.1)  # 92.8 mm for a length of 300 mm (independently)
 
 
 def test_tune_prints_the_optimum_and_its_cost(capsys) -> None:

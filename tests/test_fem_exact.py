@@ -1,4 +1,4 @@
-"""Known answers of finite elasticity: the spec's digits, and errors that fall at the element's order."""
+"""Known answers of finite elasticity: independent digits, and errors that fall at the element's order."""
 
 import numpy as np
 import pytest

@@ -88,7 +88,7 @@ class RoundLid(Body):
 
 
 def test_twist_b_to_five_digits_with_the_spec_s_round_lid() -> None:
-    """The spec's numbers press on pi r^2; our lid is the mesh's polygon, 0.6 % less, so that the cavity is closed."""
+    """The reference presses on pi r^2; our lid is the mesh's polygon, 0.6 % less, so that the cavity is closed."""
     tube = twist_tube()
     body = tube.body()
     round_lid = RoundLid(**vars(body))

@@ -43,7 +43,7 @@ def test_counts_of_the_grid(whole) -> None:
     counts = dict(zip(*np.unique(whole.state, return_counts=True), strict=True))
     assert counts[PairState.ONE_FAMILY] == 183
     assert counts[PairState.STRAIGHT_FIBRE] == 360
-    # The spec counts 19,360: it solves by Newton in steps of volume, which loses 56 pairs. The next test
+    # The reference counts 19,360: it solves by Newton in steps of volume, which loses 56 pairs. The next test
     # shows without any solver that they are feasible.
     assert counts[PairState.FEASIBLE] == 19_416
     assert counts[PairState.BEYOND_LOCK] == 181**2 - 183 - 360 - 19_416

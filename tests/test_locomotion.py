@@ -12,7 +12,7 @@ from catheter.tuning import Marks
 from data.errors import BadInput, CatheterError
 
 DEG = np.pi / 180
-# The simulated cycle's table in the spec: t, V1, V2, V3 (two decimals of t).
+# The reference cycle (simulated): t, V1, V2, V3 (two decimals of t).
 CYCLE = np.array(
     [
         [0.0, 1.000027, 1.002783, 1.092491],
@@ -76,7 +76,7 @@ def test_contact_is_where_the_tube_first_touches() -> None:
     found = contact(task, spiral)
     assert found.centre_line == pytest.approx(1.153, abs=6e-4)
     wide = Task(wall=0.0)
-    assert contact(wide, spiral).wall == pytest.approx(1.049, abs=6e-4)  # the spec's, of the inner wall
+    assert contact(wide, spiral).wall == pytest.approx(1.049, abs=6e-4)  # of the inner wall
     assert found.wall < contact(wide, spiral).wall < found.centre_line
     at = design(*published(), volume_ratio=found.wall, radius=task.radius, length=task.length)
     outer = np.sqrt((5e-3 * at.radial) ** 2 + (5.8e-3**2 - 5e-3**2) / at.axial)

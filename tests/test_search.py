@@ -46,9 +46,9 @@ def test_the_thesis_grid_has_four_equal_minima(thesis) -> None:
 
 
 def test_counts_of_the_thesis_grid(thesis, field) -> None:
-    # The spec: 19,360 pairs, of which its solver loses 56 (tests/test_free.py); 923,748, 583,286 and 1,958,406
+    # The reference counts: 19,360 pairs, whose solver lost 56 (tests/test_free.py); 923,748, 583,286 and 1,958,406
     # third fibres. Where the third fibre lies along the first or second one, k is 0 but for rounding: all
-    # such cells are slack here, the spec's count leaves them to the last bit.
+    # such cells are slack here, the reference leaves them to the last bit.
     assert (thesis.pairs, thesis.cells) == (181**2, 181**3)
     assert (thesis.feasible_pairs, thesis.over_constrained) == (19_416, 927_212)
     assert (thesis.slack, thesis.valid) == (596_286, 1_951_966)
@@ -273,7 +273,9 @@ def test_reports_on_designs(tmp_path, capsys) -> None:
     assert max(row["error"] for row in rows) < 1e-9
     assert cli.run(["report", "free-stability", "--json", "--out", str(tmp_path)]) == 0
     rows = {row["method"]: row for row in json.loads(capsys.readouterr().out)["rows"]}
-    assert rows["plain Newton from l1 = 1 (thesis)"]["error"] == 2_248  # the spec's 2,192 and the 56 it loses itself
+    assert (
+        rows["plain Newton from l1 = 1 (thesis)"]["error"] == 2_248
+    )  # 2,192 and 56
     assert rows["Newton in 13 volumes, 8 steps each"]["error"] == 56
     about = json.loads((tmp_path / "free-stability.json").read_text())
     assert any("2,192 fewer than the 13 volumes" in note for note in about["notes"])

@@ -12,7 +12,7 @@ from catheter.lab.report import Row
 from data.errors import CatheterError
 from fem.tube import Tube
 
-TWIST_DEG = -4.2280854425  # six codes agree (spec/fem.md 2)
+TWIST_DEG = -4.2280854425  # six independent codes agree
 KPA = 1e3
 FELUPE = "11.3.0"
 

@@ -21,7 +21,7 @@ MM, KPA = 1e-3, 1e3
 
 
 def twist_tube(divisions: tuple[int, int, int], order: int = 1, **given: float) -> Tube:
-    """Return the spec's twisting tube TWIST (a), with an elastic disc unless a cap is given."""
+    """Return the reference twisting tube (TWIST), with an elastic disc unless a cap is given."""
     sizes = {"length": 32 * MM, "outer_radius": 5 * MM, "wall": 1 * MM, "cap": 2 * MM} | given
     tube = Tube(**sizes, divisions=divisions, order=order)  # type: ignore[arg-type]
     i, j = np.indices(tube.material.shape)
@@ -141,7 +141,7 @@ def _extremes(quick: bool) -> list[Extreme]:
         ("pressure 100 times too large", "2 MPa", partial(_inflated, (16, 16, 1), 2000 * KPA, np.nan)),
     ]
     if not quick:
-        # the spec's own number on this mesh
+        # an independent code's number on this mesh
         jobs.append(("150,000 unknowns, Q1P0", "128 x 128 x 2", partial(_inflated, (128, 128, 2), 20 * KPA, -4.59776)))
     return jobs
 

@@ -72,7 +72,7 @@ def newton_finds(alpha: Array, beta: Array, volumes: Array, *, iterations: int, 
 
 
 def _volume(alpha: Array, beta: Array, axial: Array) -> tuple[Array, Array]:
-    """Return V and dV/dl1 by thesis eq. 3.12 and 3.14 and its quotient's derivative as printed in the spec."""
+    """Return V and dV/dl1 by thesis eq. 3.12 and 3.14 and its quotient's derivative, as they stand."""
     ca, cb = np.cos(alpha), np.cos(beta)
     radial = stretch(alpha, beta, axial)[0]
     qa = np.sign(alpha) * np.sqrt(1 - (axial * ca) ** 2)
