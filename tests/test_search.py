@@ -273,9 +273,7 @@ def test_reports_on_designs(tmp_path, capsys) -> None:
     assert max(row["error"] for row in rows) < 1e-9
     assert cli.run(["report", "free-stability", "--json", "--out", str(tmp_path)]) == 0
     rows = {row["method"]: row for row in json.loads(capsys.readouterr().out)["rows"]}
-    assert (
-        rows["plain Newton from l1 = 1 (thesis)"]["error"] == 2_248
-    )  # 2,192 and 56
+    assert rows["plain Newton from l1 = 1 (thesis)"]["error"] == 2_248  # 2,192 and 56
     assert rows["Newton in 13 volumes, 8 steps each"]["error"] == 56
     about = json.loads((tmp_path / "free-stability.json").read_text())
     assert any("2,192 fewer than the 13 volumes" in note for note in about["notes"])
