@@ -19,8 +19,8 @@ INCH = 0.0254
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
-    """The measured cones: angle_rad (a,) and thickness_m (t,), rising; forward_pa, reverse_pa (a, t)."""
+class Cones:
+    """Cones and their cracking pressures, arrays of one shape; those measured: (a,), (t,), (a, t), (a, t)."""
 
     angle_rad: Array
     thickness_m: Array
@@ -29,32 +29,17 @@ class Measured:
 
     @property
     def ratio(self) -> Array:
-        """Prev / Pfwd - 1, (a, t): thesis Fig 3.20."""
+        """Prev / Pfwd - 1: thesis Fig 3.20."""
         return np.asarray(self.reverse_pa / self.forward_pa - 1)
 
 
 @cache
-def measured() -> Measured:
+def measured() -> Cones:
     """Return Table 3.5 as arrays in SI."""
     cones = table("3.5")
     angle, thickness = np.unique(cones.column("angle")), np.unique(cones.column("thickness"))
     shape = (len(angle), len(thickness))  # its rows go by angle, then by thickness
-    return Measured(angle, thickness, cones.column("forward").reshape(shape), cones.column("reverse").reshape(shape))
-
-
-@dataclass(frozen=True, eq=False)
-class Cones:
-    """Cones of one shape of arrays: cracking pressures in Pa, interpolated between measured ones."""
-
-    angle_rad: Array
-    thickness_m: Array
-    forward_pa: Array
-    reverse_pa: Array
-
-    @property
-    def ratio(self) -> Array:
-        """Prev / Pfwd - 1."""
-        return np.asarray(self.reverse_pa / self.forward_pa - 1)
+    return Cones(angle, thickness, cones.column("forward").reshape(shape), cones.column("reverse").reshape(shape))
 
 
 def cone(angle_rad: ArrayLike, thickness_m: ArrayLike) -> Cones:

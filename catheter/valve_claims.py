@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from catheter.valve import INCH, Measured, cone, measured
+from catheter.valve import INCH, Cones, cone, measured
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +33,7 @@ def claims() -> tuple[Claim, ...]:
     )
 
 
-def _range(known: Measured) -> Claim:
+def _range(known: Cones) -> Claim:
     inches = known.thickness_m / INCH
     wrong = tuple(f"{x:.3f} in is in the table" for x in inches if not 0.025 <= x.round(6) <= 0.100)
     if not np.isclose(inches, 0.025).any():
@@ -46,7 +46,7 @@ def _range(known: Measured) -> Claim:
     )
 
 
-def _largest(known: Measured, *, degrees: float, inches: float, ratio: float) -> Claim:
+def _largest(known: Cones, *, degrees: float, inches: float, ratio: float) -> Claim:
     angle = np.radians(degrees)
     found = float(cone(angle, inches * INCH).ratio)
     i, j = divmod(int(known.ratio.argmax()), known.ratio.shape[1])
@@ -59,7 +59,7 @@ def _largest(known: Measured, *, degrees: float, inches: float, ratio: float) ->
     )
 
 
-def _small(known: Measured) -> Claim:
+def _small(known: Cones) -> Claim:
     found = float(cone(0.0, 0.1 * INCH).ratio)
     flat = known.ratio[0]
     same = "every cell of 0 deg is 0" if not flat.any() else f"0 deg spans {flat.min():.3f} to {flat.max():.3f}"
@@ -68,7 +68,7 @@ def _small(known: Measured) -> Claim:
     )
 
 
-def _saddle(known: Measured) -> Claim:
+def _saddle(known: Cones) -> Claim:
     """A saddle cell: larger than both neighbours along one axis, smaller than both along the other."""
     r = known.ratio
     inner = r[1:-1, 1:-1]
@@ -88,7 +88,7 @@ def _saddle(known: Measured) -> Claim:
     )
 
 
-def _trend(known: Measured, axis: int, which: str, direction: str, sign: int) -> Claim:
+def _trend(known: Cones, axis: int, which: str, direction: str, sign: int) -> Claim:
     """Whether a cracking pressure rises (sign 1) or falls (-1) with every step along an axis."""
     pressure = {"forward": known.forward_pa, "reverse": known.reverse_pa}[direction]
     psi = pressure / 6894.757293168
@@ -105,5 +105,5 @@ def _trend(known: Measured, axis: int, which: str, direction: str, sign: int) ->
     )
 
 
-def _name(known: Measured, i: int, j: int) -> str:
+def _name(known: Cones, i: int, j: int) -> str:
     return f"{np.degrees(known.angle_rad[i]):.0f} deg, {known.thickness_m[j] / INCH:.3f} in"
