@@ -1,19 +1,87 @@
 """Any number of rows, once: small triangles that answer every least-squares question about them."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from data.errors import BadInput
 
 Array = NDArray[np.float64]
 
-BLOCK_ROWS = 1 << 13  # and this many are copied at a time
 UNIT_ROWS = 512  # rows that are reduced at a time: they fit the processor's cache
 MOST_UNITS = 2048  # beyond it neighbours are merged, so that memory stays bounded
+_REORDERED = {"reassoc", "contract"}  # sums may be taken in any order, by vector instructions
+
+
+@njit(cache=True, fastmath=_REORDERED)
+def _dot(a: Array, b: Array) -> float:
+    total = 0.0
+    for i in range(len(a)):
+        total += a[i] * b[i]
+    return total
+
+
+@njit(cache=True, fastmath=_REORDERED)
+def _subtract(share: float, a: Array, b: Array) -> None:
+    for i in range(len(a)):
+        b[i] -= share * a[i]
+
+
+@njit(cache=True, fastmath=_REORDERED)
+def _power(column: Array) -> float:
+    """Scale a column whose squares would over- or underflow by a power of two, and return that."""
+    if 1e-200 < _dot(column, column) < 1e200:
+        return 1.0
+    largest = np.abs(column).max()
+    if largest == 0 or not np.isfinite(largest):
+        return 1.0
+    power = 2.0 ** np.floor(np.log2(largest))
+    column /= power
+    return power
+
+
+@njit(cache=True)
+def _householder(tile: Array, powers: Array, triangle: Array) -> None:
+    """Reduce a unit, held column by column (k+2, rows) and spent by it, to its triangle (k+2, k+2)."""
+    count = len(tile)
+    for j in range(count):
+        powers[j] = _power(tile[j])
+    for j in range(count):
+        reflected = tile[j, j:]
+        square = _dot(reflected, reflected)
+        if square > 0:
+            first = reflected[0]
+            pivot = -np.sqrt(square) if first > 0 else np.sqrt(square)
+            reflected[0] -= pivot
+            shared = 1.0 / (square - first * pivot)
+            for c in range(j + 1, count):
+                _subtract(shared * _dot(reflected, tile[c, j:]), reflected, tile[c, j:])
+            triangle[j, j] = pivot * powers[j]
+        elif not square == 0:  # not a number
+            triangle[j, j] = square
+        for c in range(j + 1, count):
+            triangle[j, c] = tile[c, j] * powers[c]
+
+
+@njit(cache=True)
+def _fill(columns: Array, response: Array, tile: Array, filled: int, powers: Array, triangles: Array) -> int:
+    """Add rows to the unit begun in `tile`; every full one becomes the next triangle. Returns how many rows are left."""
+    row, done, unit_rows = 0, 0, tile.shape[1]
+    while row < len(response):
+        part = min(unit_rows - filled, len(response) - row)
+        tile[0, filled : filled + part] = 1.0
+        for c in range(columns.shape[1]):
+            tile[c + 1, filled : filled + part] = columns[row : row + part, c]
+        tile[-1, filled : filled + part] = response[row : row + part]
+        row, filled = row + part, filled + part
+        if filled == unit_rows:
+            _householder(tile, powers, triangles[done])
+            done, filled = done + 1, 0
+    return filled
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,41 +139,41 @@ def reduce_blocks(
 ) -> Reduction:
     """Reduce rows as they come, block by block (X, y): memory is bounded whatever their number.
 
-    Householder QR of each unit; columns of any scale lose no digit by it. Raises as `reduce_rows`.
+    Householder QR of each unit, of k + 2 rows at least; columns of any scale lose no digit by it.
+    Raises as `reduce_rows`.
     """
-    found: list[Array] = []
-    counts: list[NDArray[np.int64]] = []
-    for block in _units(terms, blocks, unit_rows):
-        found.append(_padded(_qr(block)))
-        counts.append(np.full(len(block), block.shape[1]))
-        while sum(map(len, found)) > 2 * MOST_UNITS:
-            triangles, rows = _merged(np.concatenate(found), np.concatenate(counts))
-            found, counts = [triangles], [rows]
-    if sum(int(c.sum()) for c in counts) <= len(terms) + 1:
-        rows_found = sum(int(c.sum()) for c in counts)
-        raise BadInput("regression", f"{rows_found} samples for {len(terms) + 1} weights", "record more samples")
-    return Reduction(terms, np.concatenate(found), np.concatenate(counts))
-
-
-def _units(terms: tuple[str, ...], blocks: Iterable[tuple[Array, Array]], unit_rows: int) -> Iterator[Array]:
-    """Yield (units, rows, k+2) arrays of [1, X, y]; the last may hold one shorter unit."""
-    left = np.empty((0, len(terms) + 2))
+    width = len(terms) + 2
+    unit_rows = max(unit_rows, width)
+    tile, powers, filled = np.empty((width, unit_rows)), np.empty(width), 0
+    found: list[Array] = [np.empty((0, width, width))]
+    rows = np.empty(0, np.int64)
     for columns, response in blocks:
         if columns.ndim != 2 or columns.shape != (len(response), len(terms)):
             raise BadInput("regression", f"X {columns.shape}, y {response.shape}", f"expected (n, {len(terms)}), (n,)")
-        for first in range(0, max(1, len(columns)), BLOCK_ROWS):
-            part = slice(first, first + BLOCK_ROWS)
-            rows = np.empty((len(left) + len(response[part]), len(terms) + 2))
-            rows[: len(left)] = left
-            rows[len(left) :, 0], rows[len(left) :, 1:-1], rows[len(left) :, -1] = 1, columns[part], response[part]
-            if not np.isfinite(rows.sum()) and not np.isfinite(rows).all():
-                raise BadInput("regression", "X or y is not finite", "drop or repair those samples first")
-            whole = len(rows) // unit_rows
-            if whole:
-                yield rows[: whole * unit_rows].reshape(whole, unit_rows, -1)
-            left = rows[whole * unit_rows :]
-    if len(left):
-        yield left[None]
+        triangles = np.zeros(((filled + len(response)) // unit_rows, width, width))
+        filled = _fill(_plain(columns), _plain(response), tile, filled, powers, triangles)
+        found.append(triangles)
+        rows = np.concatenate([rows, np.full(len(triangles), unit_rows)])
+        while len(rows) > 2 * MOST_UNITS:
+            merged, rows = _merged(np.concatenate(found), rows)
+            found = [merged]
+    if filled:
+        tile[:, filled:] = 0.0
+        found.append(np.zeros((1, width, width)))
+        _householder(tile, powers, found[-1][0])
+        rows = np.append(rows, filled)
+    if rows.sum() < width:
+        raise BadInput("regression", f"{rows.sum()} samples for {width - 1} weights", "record more samples")
+    whole = np.concatenate(found)
+    if not np.isfinite(whole).all():
+        raise BadInput("regression", "X or y is not finite", "drop or repair those samples first")
+    return Reduction(terms, whole, rows)
+
+
+def _plain(array: Array) -> Array:
+    """Return it as doubles, in one of the two orders the kernel is compiled for."""
+    array = np.asarray(array, np.float64)
+    return array if array.flags.c_contiguous or array.flags.f_contiguous else np.ascontiguousarray(array)
 
 
 def _merged(triangles: Array, rows: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:

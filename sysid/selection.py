@@ -27,41 +27,49 @@ RULES = ("1 %", "AICc", "BIC")
 
 @njit(cache=True)
 def _plain(matrix: Array, target: Array, signed: bool, weights: Array, squares: Array) -> None:
-    """Least squares of every subset (its bits): Gram-Schmidt, each column orthogonalised twice."""
+    """Least squares of every subset (its bits): Gram-Schmidt, each column orthogonalised twice.
+
+    Counting with the first term as the highest bit, each subset is an earlier one and a term
+    after its last: one more column, for the columns before it are still there.
+    """
     height, width = matrix.shape
     basis, upper = np.empty((width, height)), np.zeros((width, width))
-    chosen, inner, rest = np.empty(width, np.int64), np.empty(width), np.empty(height)
-    for mask in range(1 << width):
+    chosen, inner = np.zeros(width, np.int64), np.empty(width)
+    rest, sound = np.empty((width + 1, height)), np.ones(width + 1, np.bool_)
+    rest[0] = target
+    squares[0] = np.dot(target, target)
+    for count in range(1, 1 << width):
+        added = 0
+        while not (count >> added) & 1:
+            added += 1
         size = 0
-        rest[:] = target
-        sound = True
-        for term in range(width):
-            if not (mask >> term) & 1:
-                continue
-            chosen[size] = term
-            column = basis[size]
-            column[:] = matrix[:, term]
-            upper[:size, size] = 0.0
-            for _ in range(2):
-                for j in range(size):
-                    share = np.dot(basis[j], column)
-                    upper[j, size] += share
-                    column -= share * basis[j]
-            length = np.sqrt(np.dot(column, column))
-            if length <= RANK_TOLERANCE:
-                sound = False
-                break
-            upper[size, size] = length
-            column /= length
-            inner[size] = np.dot(column, rest)
-            rest -= inner[size] * column
-            size += 1
-        squares[mask] = np.dot(rest, rest) if sound else np.inf
-        for j in range(size - 1, -1, -1):
-            if not sound:
-                break
+        for bit in range(added + 1, width):
+            size += (count >> bit) & 1
+        chosen[size] = width - 1 - added
+        column = basis[size]
+        column[:] = matrix[:, chosen[size]]
+        upper[:size, size] = 0.0
+        for _ in range(2):
+            for j in range(size):
+                share = np.dot(basis[j], column)
+                upper[j, size] += share
+                column -= share * basis[j]
+        length = np.sqrt(np.dot(column, column))
+        mask = 0
+        for j in range(size + 1):
+            mask |= 1 << chosen[j]
+        sound[size + 1] = sound[size] and length > RANK_TOLERANCE
+        if not sound[size + 1]:
+            squares[mask] = np.inf
+            continue
+        upper[size, size] = length
+        column /= length
+        inner[size] = np.dot(column, rest[size])
+        rest[size + 1] = rest[size] - inner[size] * column
+        squares[mask] = np.dot(rest[size + 1], rest[size + 1])
+        for j in range(size, -1, -1):
             value = inner[j]
-            for m in range(j + 1, size):
+            for m in range(j + 1, size + 1):
                 value -= upper[j, m] * weights[mask, chosen[m]]
             weights[mask, chosen[j]] = value / upper[j, j]
             if value < 0 and not signed:

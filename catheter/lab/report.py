@@ -52,12 +52,12 @@ class Report:
 
 
 def measure(method: str, level: str, solve: Callable[[], object], error_of: Callable[[object], float]) -> Row:
-    """Time a solve, the fastest of 5 or of what fits in half a second, and measure its error.
+    """Time a solve, the fastest of 20 or of what fits in half a second, and measure its error.
 
     A solve that fails is a row that says so.
     """
     seconds, total = math.inf, 0.0
-    for _ in range(5):
+    for _ in range(20):
         started = time.perf_counter()
         try:
             answer = solve()
