@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from data.errors import BadInput
 from data.options import option
 from sysid.estimate import Bootstrap, Estimate, Whiteness, estimate, ljung_box
-from sysid.motion import DEFAULT, LEAST, METHODS, Motion, choose_half, motion
+from sysid.motion import DEFAULT, HALVES, METHODS, Motion, motion
 from sysid.reduction import Reduction, reduce_blocks, reduce_rows
 from sysid.selection import RULES, Selection, select
 
@@ -120,7 +120,7 @@ def held_out(reduction: Reduction, options: Identify, fitted: NDArray[np.bool_])
 
 def _check(x: Array, y: Array) -> None:
     sound = x[np.isfinite(x)]
-    if len(sound) < 4 * LEAST[DEFAULT] + 1 or not np.isfinite(y).any():
+    if len(sound) < 4 * METHODS[DEFAULT].least + 1 or not np.isfinite(y).any():
         raise BadInput("identification", f"{len(sound)} samples", "expected more than there are weights; record longer")
     if np.ptp(sound) <= 1e-9 * np.abs(sound).max():
         raise BadInput(
@@ -131,28 +131,25 @@ def _check(x: Array, y: Array) -> None:
 def reduce_stream(pieces: Iterable[tuple[Array, Array, Array]], options: Identify | None = None) -> Reduction:
     """Reduce (time, x, y) piece by piece, in order: memory holds two pieces, whatever the recording's length.
 
-    The half-width is chosen on the first piece. Raises as `identify`.
+    Half-widths are chosen piece by piece. Raises as `identify`.
     """
     return reduce_blocks(TERMS, _streamed(pieces, options or Identify()))
 
 
 def _streamed(pieces: Iterable[tuple[Array, Array, Array]], options: Identify) -> Iterator[tuple[Array, Array]]:
     kept = np.empty((3, 0))
-    half, done = options.half, -np.inf
+    reach, done = 4 * (options.half or HALVES[-1]), -np.inf
     for piece in _short(pieces):
         rows = np.concatenate([kept, piece], axis=1)
-        if not half:
-            sound = rows[1][np.isfinite(rows[1])]
-            half = choose_half(sound, options.derivative)[0]
-        if rows.shape[1] <= 4 * half:
+        if rows.shape[1] <= reach:
             kept = rows
             continue
-        moved = motion(rows[0], rows[1], options.derivative, half)
+        moved = motion(rows[0], rows[1], options.derivative, options.half or None)
         new = moved.known & np.isfinite(rows[2]) & (rows[0] > done)
         if new.any():
             done = float(rows[0][new][-1])
             yield columns_of(moved)[new], rows[2][new]
-        kept = rows[:, -4 * half :]
+        kept = rows[:, -reach:]
 
 
 def _short(pieces: Iterable[tuple[Array, Array, Array]]) -> Iterator[Array]:

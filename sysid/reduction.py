@@ -41,13 +41,13 @@ def _power(column: Array) -> float:
         return 1.0
     power = 2.0 ** np.floor(np.log2(largest))
     column /= power
-    return power
+    return float(power)
 
 
 @njit(cache=True)
-def _householder(tile: Array, powers: Array, triangle: Array) -> None:
+def _householder(tile: Array, triangle: Array) -> None:
     """Reduce a unit, held column by column (k+2, rows) and spent by it, to its triangle (k+2, k+2)."""
-    count = len(tile)
+    count, powers = len(tile), np.empty(len(tile))
     for j in range(count):
         powers[j] = _power(tile[j])
     for j in range(count):
@@ -61,15 +61,15 @@ def _householder(tile: Array, powers: Array, triangle: Array) -> None:
             for c in range(j + 1, count):
                 _subtract(shared * _dot(reflected, tile[c, j:]), reflected, tile[c, j:])
             triangle[j, j] = pivot * powers[j]
-        elif not square == 0:  # not a number
-            triangle[j, j] = square
+        elif square != 0:
+            triangle[j, j] = square  # not a number
         for c in range(j + 1, count):
             triangle[j, c] = tile[c, j] * powers[c]
 
 
 @njit(cache=True)
-def _fill(columns: Array, response: Array, tile: Array, filled: int, powers: Array, triangles: Array) -> int:
-    """Add rows to the unit begun in `tile`; every full one becomes the next triangle. Returns how many rows are left."""
+def _fill(columns: Array, response: Array, tile: Array, filled: int, triangles: Array) -> int:
+    """Add rows to the unit begun in `tile`; each full one becomes the next triangle. Returns how many rows are left."""
     row, done, unit_rows = 0, 0, tile.shape[1]
     while row < len(response):
         part = min(unit_rows - filled, len(response) - row)
@@ -79,7 +79,7 @@ def _fill(columns: Array, response: Array, tile: Array, filled: int, powers: Arr
         tile[-1, filled : filled + part] = response[row : row + part]
         row, filled = row + part, filled + part
         if filled == unit_rows:
-            _householder(tile, powers, triangles[done])
+            _householder(tile, triangles[done])
             done, filled = done + 1, 0
     return filled
 
@@ -144,14 +144,14 @@ def reduce_blocks(
     """
     width = len(terms) + 2
     unit_rows = max(unit_rows, width)
-    tile, powers, filled = np.empty((width, unit_rows)), np.empty(width), 0
+    tile, filled = np.empty((width, unit_rows)), 0
     found: list[Array] = [np.empty((0, width, width))]
     rows = np.empty(0, np.int64)
     for columns, response in blocks:
         if columns.ndim != 2 or columns.shape != (len(response), len(terms)):
             raise BadInput("regression", f"X {columns.shape}, y {response.shape}", f"expected (n, {len(terms)}), (n,)")
         triangles = np.zeros(((filled + len(response)) // unit_rows, width, width))
-        filled = _fill(_plain(columns), _plain(response), tile, filled, powers, triangles)
+        filled = _fill(_plain(columns), _plain(response), tile, filled, triangles)
         found.append(triangles)
         rows = np.concatenate([rows, np.full(len(triangles), unit_rows)])
         while len(rows) > 2 * MOST_UNITS:
@@ -160,7 +160,7 @@ def reduce_blocks(
     if filled:
         tile[:, filled:] = 0.0
         found.append(np.zeros((1, width, width)))
-        _householder(tile, powers, found[-1][0])
+        _householder(tile, found[-1][0])
         rows = np.append(rows, filled)
     if rows.sum() < width:
         raise BadInput("regression", f"{rows.sum()} samples for {width - 1} weights", "record more samples")

@@ -18,7 +18,7 @@ from catheter.lab.scene import Scene
 from data.errors import BadInput
 from data.options import load_toml
 from data.recording import Recording
-from sysid.identify import TERMS, identify, reduce_stream
+from sysid.identify import TERMS, Identify, identify, reduce_stream
 from sysid.relaxation import dwells, fit_dwell
 from sysid.selection import select
 
@@ -165,10 +165,8 @@ def test_a_stream_answers_like_the_whole() -> None:
     draw, time_s = np.random.default_rng(0), np.arange(30_000) / 83
     x = 14 + 10 * np.sin(time_s) + 3 * np.sin(7 * time_s) + 0.01 * draw.normal(size=30_000)
     y = 7.88e-4 * x**3 + 0.01 * draw.normal(size=30_000)
-    whole = identify(time_s, x, y)
-    from dataclasses import replace
-
-    options = replace(whole.options, half=whole.motion.half)
+    options = Identify(half=9)
+    whole = identify(time_s, x, y, options)
     cuts = np.array([0, 5000, 5010, 12_000, 29_990, 30_000])
     pieces = [(time_s[a:b], x[a:b], y[a:b]) for a, b in itertools.pairwise(cuts)]
     streamed = reduce_stream(pieces, options)

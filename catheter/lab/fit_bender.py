@@ -114,7 +114,7 @@ def _bender_values(found: "Identification") -> dict[str, Any]:
         "condition": found.reduction.condition,
         "whiteness": vars(found.whiteness),
         "samples": chosen.samples,
-        "derivative": {"method": found.motion.method, "half": found.motion.half, "noise": found.motion.noise},
+        "derivative": {"method": found.motion.method, "half": list(found.motion.half), "noise": found.motion.noise},
         "notes": list(found.motion.notes),
         "seconds": found.seconds,
     }
@@ -150,9 +150,13 @@ def _bender_parts(found: "Identification", what: str, percent: Array) -> Iterato
     )
     yield (
         f"{chosen.samples} samples, all {len(selection.rmse)} subsets in {1e3 * found.seconds:.0f} ms with "
-        f"derivatives ({found.motion.method}, half-width {found.motion.half}, noise {found.motion.noise:.3g})"
+        f"derivatives ({found.motion.method}, half-width {_span(found.motion.half)}, noise {found.motion.noise:.3g})"
     )
     yield from (f"Note: {note}" for note in found.motion.notes)
+
+
+def _span(half: tuple[int, int]) -> str:
+    return f"{half[0]}" if half[0] == half[1] else f"{half[0]} to {half[1]}"
 
 
 def _bender_tables(found: "Identification", in_ml: bool) -> dict[str, dict[str, Any]]:

@@ -23,7 +23,7 @@ def chirp_truth(seconds: float) -> tuple[Array, Any]:
 
     run = move(Servo(), Chirp(duration_s=seconds, start=0.01 if seconds > 1000 else 0.05), 83.0)
     x, xd, xdd = (AREA_M2 / ML * one for one in (run.place_m, run.speed_m_s, run.acceleration_m_s2))
-    return run.time_s, Motion(x, xd, xdd, method="exact", half=0, noise=0.0)
+    return run.time_s, Motion(x, xd, xdd, method="exact", half=(0, 0), noise=0.0)
 
 
 def noisy(value: Array, decibels: float, seed: int) -> Array:
