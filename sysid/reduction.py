@@ -31,7 +31,32 @@ def _subtract(share: float, a: Array, b: Array) -> None:
         b[i] -= share * a[i]
 
 
+@njit(cache=True)
+def _mirror(column: Array) -> tuple[float, float]:
+    """Make a column its own mirror, which reflects it on its first axis; return (what lies there, 2 / square)."""
+    square = _dot(column, column)
+    if square == 0:
+        return 0.0, 0.0
+    pivot = -np.sqrt(square) if column[0] > 0 else np.sqrt(square)
+    half = square - column[0] * pivot
+    column[0] -= pivot
+    return pivot, 1 / half
+
+
 @njit(cache=True, fastmath=_REORDERED)
+def _reflect_twice(one: Array, other: Array, angles: tuple[float, float, float], column: Array) -> None:
+    """Reflect a column by two mirrors while it is read and written once."""
+    along, beyond = 0.0, 0.0
+    for i in range(len(one)):
+        along += one[i] * column[i]
+        beyond += other[i] * column[i]
+    along *= angles[0]
+    beyond = angles[1] * (beyond - along * angles[2])
+    for i in range(len(one)):
+        column[i] -= along * one[i] + beyond * other[i]
+
+
+@njit(cache=True)
 def _power(column: Array) -> float:
     """Scale a column whose squares would over- or underflow by a power of two, and return that."""
     if 1e-200 < _dot(column, column) < 1e200:
@@ -50,21 +75,19 @@ def _householder(tile: Array, triangle: Array) -> None:
     count, powers = len(tile), np.empty(len(tile))
     for j in range(count):
         powers[j] = _power(tile[j])
-    for j in range(count):
-        reflected = tile[j, j:]
-        square = _dot(reflected, reflected)
-        if square > 0:
-            first = reflected[0]
-            pivot = -np.sqrt(square) if first > 0 else np.sqrt(square)
-            reflected[0] -= pivot
-            shared = 1.0 / (square - first * pivot)
-            for c in range(j + 1, count):
-                _subtract(shared * _dot(reflected, tile[c, j:]), reflected, tile[c, j:])
-            triangle[j, j] = pivot * powers[j]
-        elif square != 0:
-            triangle[j, j] = square  # not a number
-        for c in range(j + 1, count):
-            triangle[j, c] = tile[c, j] * powers[c]
+    for j in range(0, count, 2):
+        one = tile[j, j:]
+        triangle[j, j], share = _mirror(one)
+        if j + 1 < count:
+            other = tile[j + 1, j:]
+            _subtract(share * _dot(one, other), one, other)
+            triangle[j, j + 1], other[0] = other[0], 0.0
+            triangle[j + 1, j + 1], next_share = _mirror(other[1:])
+            angles = (share, next_share, _dot(one, other))
+            for c in range(j + 2, count):
+                _reflect_twice(one, other, angles, tile[c, j:])
+                triangle[j, c], triangle[j + 1, c] = tile[c, j], tile[c, j + 1]
+    triangle *= powers
 
 
 @njit(cache=True)
@@ -179,31 +202,20 @@ def _plain(array: Array) -> Array:
 def _merged(triangles: Array, rows: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
     """Return every two neighbours as one."""
     pairs, size = len(triangles) // 2, triangles.shape[-1]
-    joined = _padded(_qr(triangles[: 2 * pairs].reshape(pairs, 2 * size, size)))
+    joined = np.linalg.qr(triangles[: 2 * pairs].reshape(pairs, 2 * size, size), mode="r")
     odd = slice(2 * pairs, None)
     sums = rows[: 2 * pairs].reshape(pairs, 2).sum(axis=1)
     return np.concatenate([joined, triangles[odd]]), np.concatenate([sums, rows[odd]])
-
-
-def _qr(rows: Array) -> Array:
-    return np.asarray(np.linalg.qr(rows, mode="r"))
-
-
-def _padded(triangles: Array) -> Array:
-    """Return triangles with rows of zeros where there were fewer rows than columns."""
-    missing = triangles.shape[-1] - triangles.shape[-2]
-    return np.asarray(np.pad(triangles, ((0, 0), (0, missing), (0, 0)))) if missing else triangles
 
 
 def _triangle(stack: Array) -> Array:
     """Return the triangle of stacked triangles."""
     size = stack.shape[-1]
     rows = stack.reshape(-1, size)
-    whole = len(rows) // UNIT_ROWS
-    if whole > 1:
-        first = _qr(rows[: whole * UNIT_ROWS].reshape(whole, UNIT_ROWS, size)).reshape(-1, size)
-        rows = np.concatenate([first, rows[whole * UNIT_ROWS :]])
-    return np.asarray(_padded(_qr(rows)[None])[0])
+    tile, triangle = np.zeros((size, max(size, len(rows)))), np.zeros((size, size))
+    tile[:, : len(rows)] = rows.T
+    _householder(tile, triangle)
+    return triangle
 
 
 def _lengths(columns: Array) -> Array:

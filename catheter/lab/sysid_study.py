@@ -103,17 +103,16 @@ def selection(*, quick: bool, progress: Progress) -> Report:
 
 
 def _direct(columns: Array, force: Array, masks: range) -> tuple[dict[int, Array], float]:
-    """Return (weights of the constant and all terms by subset, seconds for 512 such) by scipy on raw rows."""
+    """Return (weights of the constant and all terms by subset, seconds for 512 such) by scipy on the raw rows."""
     from scipy.optimize import nnls
 
     whole = np.column_stack([np.ones(len(force)), columns])
-    scale = np.abs(whole).max(axis=0)
     nnls(np.eye(3), np.ones(3))
     found, begun = {}, time.perf_counter()
     for mask in masks:
         kept = [0, *(bit + 1 for bit in range(columns.shape[1]) if (mask >> bit) & 1)]
-        weights = np.zeros(len(scale))
-        weights[kept] = nnls(whole[:, kept] / scale[kept], force)[0] / scale[kept]
+        weights = np.zeros(whole.shape[1])
+        weights[kept] = nnls(whole[:, kept], force)[0]
         found[mask] = weights
     return found, (time.perf_counter() - begun) * 512 / len(masks)
 
