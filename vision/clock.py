@@ -4,7 +4,9 @@ A frame's stamp is the middle of its exposure. With a global shutter and an expo
 a light comes on in is bright by the share of its exposure that followed: that tells the moment to
 noise x E. A light that comes on while no shutter is open is known only to lie in the pause, of
 length period - E, between two frames. With a rolling shutter a row is exposed (row / rows) x
-readout later; `flashes` takes that delay of its region.
+readout later; `flashes` takes that delay of its region. A light that is on for a known time, a
+whole number of periods and a half, is seen far better: where its beginning hides in a pause, its
+end does not, or only in a small part of it (`of_known_length`).
 """
 
 from collections.abc import Iterable
@@ -108,6 +110,41 @@ def _flash(light: Signal, between: tuple[int, int], exposure_s: float, noise: fl
     partial = share[before + 1] if rises else 1 - share[before + 1]
     moment = time_s[before + 1] + exposure_s / 2 - partial * exposure_s
     return Flash(float(moment), float(moment), sigma, rises)
+
+
+def of_known_length(steps: list[Flash], lit_s: float, *, tolerance_s: float = 1e-5) -> list[Flash]:
+    """Return the moments a light came on, knowing that it went off lit_s later, to tolerance_s.
+
+    Each is where the pause it came on in, and that it went off in less lit_s, overlap. Steps without
+    a partner are left as they are. Raises BadInput where a light was on for another time.
+    """
+    found, waiting = [], list(steps)
+    while waiting:
+        on = waiting.pop(0)
+        if not on.rises or not waiting or waiting[0].rises:
+            found.append(on)
+            continue
+        off = waiting.pop(0)
+        low, high = off.first_s - lit_s, off.last_s - lit_s
+        shifted = Flash(low, high, float(np.hypot(off.sigma_s, tolerance_s)), rises=True)
+        if max(low - on.last_s, on.first_s - high) > DOUBT * (on.sigma_s + shifted.sigma_s):
+            least, most = off.first_s - on.last_s, off.last_s - on.first_s
+            raise BadInput(
+                f"light at {on.first_s:.3f} s", f"was on for {least:.4f} to {most:.4f} s", f"expected {lit_s:g} s"
+            )
+        found.append(_overlap(on, shifted))
+    return found
+
+
+def _overlap(one: Flash, other: Flash) -> Flash:
+    """Return one moment as two observations tell it: each timed, or somewhere in a pause."""
+    timed = [flash for flash in (one, other) if flash.first_s == flash.last_s]
+    if not timed:
+        sigma = max(one.sigma_s, other.sigma_s)
+        return Flash(max(one.first_s, other.first_s), min(one.last_s, other.last_s), sigma, rises=True)
+    trust = np.array([flash.sigma_s**-2 for flash in timed])
+    moment = float(trust @ [flash.first_s for flash in timed] / trust.sum())
+    return Flash(moment, moment, float(trust.sum() ** -0.5), rises=True)
 
 
 def offset(first: list[Flash], other: list[Flash], *, search_s: float = 0.25) -> Offset:

@@ -8,11 +8,12 @@ import numpy as np
 
 from catheter.lab.report import Progress, Report, Row
 from data.signal import Array, Signal
-from vision.clock import Offset, brightness, flashes, offset, offset_of_motion
+from vision.clock import Offset, brightness, flashes, of_known_length, offset, offset_of_motion
 from vision.frames import Frame
 
 PERIOD_S, EXPOSURE_S = 1 / 30, 0.010
 REGION = (2, 2, 4, 4)
+FLASH_S = 0.25  # seven periods and a half
 
 
 def light_frames(
@@ -38,12 +39,20 @@ def _times(count: int, draw: np.random.Generator) -> Array:
     return np.asarray(draw.uniform(0, PERIOD_S) + PERIOD_S * np.arange(count), np.float64)
 
 
-def _lights(lit_s: Array, duration_s: float, draw: np.random.Generator) -> tuple[Offset, float]:
+def _lights(
+    lit_s: Array, duration_s: float, draw: np.random.Generator, known_s: float | None = None
+) -> tuple[Offset, float]:
     truth, seen = draw.uniform(-0.1, 0.1), []
     for shift in (0.0, truth):
         times = _times(round(duration_s / PERIOD_S), draw)
-        seen.append(flashes(brightness(light_frames(times, times - shift, lit_s, draw), REGION), EXPOSURE_S))
+        steps = flashes(brightness(light_frames(times, times - shift, lit_s, draw), REGION), EXPOSURE_S)
+        seen.append(steps if known_s is None else of_known_length(steps, known_s))
     return offset(*seen), truth
+
+
+def _known_flash(draw: np.random.Generator) -> tuple[Offset, float]:
+    on = draw.uniform(1, 2)
+    return _lights(np.array([[on, on + FLASH_S]]), 3.0, draw, FLASH_S)
 
 
 def _flash(draw: np.random.Generator) -> tuple[Offset, float]:
@@ -52,8 +61,9 @@ def _flash(draw: np.random.Generator) -> tuple[Offset, float]:
 
 
 def _train(draw: np.random.Generator) -> tuple[Offset, float]:
-    steps = 0.5 + np.cumsum(draw.uniform(0.3, 0.7, 116))
-    return _lights(steps[steps < 59.5][: int((steps < 59.5).sum()) // 2 * 2].reshape(-1, 2), 60.0, draw)
+    on = 0.5 + np.cumsum(draw.uniform(0.6, 1.4, 58))
+    on = on[on < 59]
+    return _lights(np.stack([on, on + FLASH_S], axis=1), 60.0, draw, FLASH_S)
 
 
 def _motion(draw: np.random.Generator) -> tuple[Offset, float]:
@@ -66,8 +76,9 @@ def _motion(draw: np.random.Generator) -> tuple[Offset, float]:
 
 
 CASES: dict[str, Callable[[np.random.Generator], tuple[Offset, float]]] = {
-    "one flash of a light": _flash,
-    "a light blinking at random for 60 s": _train,
+    "one flash of 250 ms": _known_flash,
+    "one flash of unknown length": _flash,
+    "such flashes at random times for 60 s": _train,
     "the twist itself, 60 s": _motion,
 }
 
