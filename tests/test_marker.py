@@ -171,6 +171,22 @@ def test_the_finders_of_qr_codes() -> None:
         assert np.hypot(*(fit.blobs_px - shot.blobs_px()).T).max() < 0.3  # identity and place
 
 
+def test_a_picture_without_any_blur_is_measured_too() -> None:
+    modules = np.zeros((21, 21))
+    ring = np.pad(np.pad(np.ones((3, 3)), 1), 1, constant_values=1)
+    for row, column in ((0, 0), (0, 14), (14, 0)):
+        modules[row : row + 7, column : column + 7] = ring
+    drawn = 255 - 200 * np.kron(np.pad(modules, 4), np.ones((8, 8)))
+    angles = []
+    for seed in range(40):
+        noise = np.random.default_rng(seed).normal(0, 2, drawn.shape)
+        found = find(np.clip(drawn + noise, 0, 255).astype(np.uint8), QR)
+        assert found.blobs_px[0] == pytest.approx([59.5, 59.5], abs=0.05)  # modules 4 to 11, of 8 pixels
+        angles.append((found.angle_rad, found.sigma_rad))
+    scatter = np.std([angle for angle, _ in angles])
+    assert 0.6 < scatter / np.mean([sigma for _, sigma in angles]) < 1.5
+
+
 def test_what_is_no_grey_picture_is_refused() -> None:
     for picture in (np.zeros((9, 9, 3), np.uint8), np.zeros((9, 9))):
         with pytest.raises(BadInput, match="expected"):

@@ -15,6 +15,7 @@ from vision.plane import angle_slope, plane_angle_rad, to_picture
 Picture = NDArray[np.uint8] | NDArray[np.uint16]
 
 MOST_STEPS = 20
+SHARP_PX = 0.3  # of blur: a narrower one is felt by no pixel, and the fit loses its way
 SMALL_STEP = 0.3  # standard deviations: the step after it would be some hundredths
 LEAST_CONTRAST = 4.5  # noises: below it a cut blob cannot be told from noise
 LEAST_BLOB_PX = 5.0
@@ -25,6 +26,10 @@ COVERED = {"squares": (0.05, 0.15), "qr": (0.12, 0.2)}  # most share of unlike p
 
 class NoMarker(CatheterError):
     """A picture in which no marker can be vouched for; the message says why."""
+
+
+class TooSharp(NoMarker):
+    """Edges between one pixel and the next, as a program draws them, say nothing of where between they lie."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +81,7 @@ def fit(picture: Picture, start: Start, marker: Marker, principal_px: Array | No
 
     principal_px: where the optical axis meets the picture, its middle by default; it matters for
     tilted markers alone. Raises NoMarker when the fit does not settle or what it settled on is not
-    this marker, whole and within the picture.
+    this marker, whole and within the picture; TooSharp for a blur of less than 0.3 px.
     """
     homography, shape = start.homography.copy(), start.shape.copy()
     steeper, light = start.steeper.copy(), start.light.copy()
@@ -85,10 +90,12 @@ def fit(picture: Picture, start: Start, marker: Marker, principal_px: Array | No
         steps, information, counts, noise = gauss_newton(
             picture, homography, shape, steeper, light, marker.rings, MOST_STEPS, SMALL_STEP, bin_grey
         )
+        _check_blur(homography, shape)
         if steps == 0 or steps > MOST_STEPS:
             raise NoMarker("the fit did not settle")
         covariance = np.asarray(noise**2 * np.linalg.inv(information)[:8, :8], np.float64)
     except np.linalg.LinAlgError as error:
+        _check_blur(homography, shape)
         raise NoMarker("the fit is singular") from error
     if principal_px is None:
         principal_px = np.asarray((np.array(picture.shape[::-1]) - 1) / 2, np.float64)
@@ -107,6 +114,12 @@ def fit(picture: Picture, start: Start, marker: Marker, principal_px: Array | No
     _check_shape(found, picture.shape, marker, principal_px)
     _check_light(found, counts, marker)
     return found
+
+
+def _check_blur(homography: Array, shape: Array) -> None:
+    blur_px = float(shape[1:].min()) * math.hypot(homography[0, 0], homography[1, 0])
+    if blur_px < SHARP_PX:
+        raise TooSharp(f"a blur of {blur_px:.2f} px hides where between two pixels an edge lies")
 
 
 def step_slopes(homography: Array, by_entry: Array) -> Array:

@@ -4,7 +4,7 @@ Candidates are proposed generously, from two thresholds; the fit and its checks 
 pass are two markers, and which is meant is not guessed.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from data.errors import BadInput
 from data.signal import Array
 from vision.centroid import centroids
-from vision.fit import MarkerFit, NoMarker, Picture, Start, fit
+from vision.fit import MarkerFit, NoMarker, Picture, Start, TooSharp, fit
 from vision.pattern import BLOBS, Marker
 from vision.plane import affine, to_picture
 
@@ -23,6 +23,7 @@ MOST_BLOBS = 60
 MOST_TRIES = 12
 WORSE = 3.0  # times the last frame's residuals: then the fit is in a wrong place, and the whole frame is searched
 LIKE = 0.6  # smaller over larger side among a marker's blobs
+SOFT_PX = 0.7  # as a camera blurs
 SQUARE_TO = 0.5  # most cosine between the legs of a tilted right angle
 RIM = {"squares": 1.4, "qr": 8 / 7}  # half sides from a blob's middle at which its paper is looked at
 
@@ -46,7 +47,7 @@ def find(picture: Picture, marker: Marker, principal_px: Array | None = None) ->
     reasons: list[str] = []
     for start in _starts(picture, marker):
         try:
-            one = fit(picture, start, marker, principal_px)
+            one = _fit(picture, start, marker, principal_px)
         except NoMarker as error:
             reasons.append(str(error))
             continue
@@ -57,6 +58,21 @@ def find(picture: Picture, marker: Marker, principal_px: Array | None = None) ->
     if not found:
         raise NoMarker(reasons[0] if reasons else "no three like blobs stand in a right angle")
     return found[0]
+
+
+def _fit(picture: Picture, start: Start, marker: Marker, principal_px: Array | None) -> MarkerFit:
+    """Fit; a picture without any blur, as a program draws it, is blurred as by a camera first."""
+    try:
+        return fit(picture, start, marker, principal_px)
+    except TooSharp:
+        import cv2
+
+        kept = float(
+            np.sum(cv2.getGaussianKernel(9, SOFT_PX) ** 2)
+        )  # of the noise; its neighbours now share it, so that it counts for more
+        blurred: Any = cv2.GaussianBlur(picture, (9, 9), SOFT_PX)
+        soft = fit(blurred, start, marker, principal_px)
+        return replace(soft, sigma_rad=soft.sigma_rad / kept)
 
 
 def follow(picture: Picture, last: MarkerFit, places_px: Array, marker: Marker, principal_px: Array) -> MarkerFit:
