@@ -7,17 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from data.errors import BadInput
-from data.options import load_toml, option, read
+from data.options import check, load_toml, option, read
 from data.signal import Array
 
 DISCHARGE = 0.62
 DENSITY_KG_M3 = 997.45
 MOST_SEGMENTS = 100
-
-
-def _check_range(place: str, value: float, least: float, most: float, unit: str = "") -> None:
-    if not least <= value <= most:
-        raise BadInput(place, f"is {value:g} {unit}".rstrip(), f"expected {least:g} to {most:g} {unit}".rstrip())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +34,7 @@ class Accumulator:
 
     def __post_init__(self) -> None:
         """Check every promise above."""
-        _check_range("accumulator, rest_volume", self.rest_volume, 1e-15, 1e3, "m^3")
+        check(self, "accumulator")
         if not self.coefficients or not all(map(math.isfinite, self.coefficients)) or not any(self.coefficients):
             raise BadInput(
                 "accumulator, coefficients", f"are {self.coefficients}", "expected finite numbers, not all 0"
@@ -103,8 +98,7 @@ class Orifice:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        _check_range("orifice, coefficient", self.coefficient, 0.0, 1e3, "m^3 Pa^-0.5 s^-1")
-        _check_range("orifice, transition", self.transition, 1e-6, 1e7, "Pa")
+        check(self, "orifice")
 
     @classmethod
     def of_area(cls, area_m2: float, *, transition_pa: float = 1.0, discharge: float = DISCHARGE) -> "Orifice":
@@ -133,10 +127,7 @@ class ConicalValve:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        _check_range("conical valve, coefficient", self.coefficient, 0.0, 1e3, "m^3 Pa^-0.5 s^-1")
-        _check_range("conical valve, forward", self.forward, 0.0, 1e9, "Pa")
-        _check_range("conical valve, reverse", self.reverse, 0.0, 1e9, "Pa")
-        _check_range("conical valve, opening", self.opening, 1e-6, 1e7, "Pa")
+        check(self, "conical valve")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,7 +146,8 @@ class Circuit:
 
     def __post_init__(self) -> None:
         """Refuse an empty chain, and one longer than anybody builds."""
-        _check_range("circuit, segments", len(self.segments), 1, MOST_SEGMENTS)
+        if not 1 <= len(self.segments) <= MOST_SEGMENTS:
+            raise BadInput("circuit, segments", f"are {len(self.segments)}", f"expected 1 to {MOST_SEGMENTS}")
 
     def table(self) -> Array:
         """Return the circuit as the compiled code reads it, (N, W); see `circuit_kernel`."""

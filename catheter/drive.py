@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from data.errors import BadInput
-from data.options import option
+from data.options import check, option
 from data.signal import Array, Signal
 
 MOST_PIECES = 1_000_000
@@ -54,14 +54,7 @@ class SquareWave:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        for name, least, most in (
-            ("high", -1e9, 1e9),
-            ("low", -1e9, 1e9),
-            ("period", 1e-6, 1e6),
-            ("duty", 1e-3, 0.999),
-        ):
-            if not least <= getattr(self, name) <= most:
-                raise BadInput(f"square wave, {name}", f"is {getattr(self, name):g}", f"expected {least:g} to {most:g}")
+        check(self, "square wave")
 
     def drive(self, cycles: int = 1) -> Drive:
         """Return that many cycles, from time 0."""

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from catheter.circuit import Accumulator, Circuit, ConicalValve, Orifice, Segment, thesis_circuit
 from catheter.drive import Drive, SquareWave, recorded, sampled
 from data.errors import BadInput, DidNotConverge
-from data.options import option
+from data.options import check, option
 from data.signal import Array, Signal
 
 __all__ = [
@@ -44,10 +44,7 @@ class Solver:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        if not 1e-13 <= self.tolerance <= 1e-2:
-            raise BadInput("solver, tolerance", f"is {self.tolerance:g}", "expected 1e-13 to 1e-2")
-        if self.method not in (OURS, *SCIPY):
-            raise BadInput("solver, method", f"is {self.method!r}", f"expected one of {', '.join((OURS, *SCIPY))}")
+        check(self, "solver")
 
 
 @dataclass(frozen=True, eq=False)

@@ -97,6 +97,18 @@ def read(kind: type[T], table: object, place: str) -> T:
     return kind(**values)
 
 
+def check(options: object, what: str) -> None:
+    """Check the bounds and choices that a dataclass's fields declare, for one made in Python.
+
+    Raises BadInput naming `what`, the field, its value and what was expected.
+    """
+    for f in fields(options):  # type: ignore[arg-type]
+        value = getattr(options, f.name)
+        for one in value if isinstance(value, tuple) else (value,):
+            if one is not None:
+                _check(one, f.metadata, f"{what}, {f.name}")
+
+
 def _convert(value: object, hint: Any, metadata: Mapping[str, Any], place: str) -> object:
     if isinstance(hint, types.UnionType):
         hint = _alternative(value, [part for part in get_args(hint) if part is not types.NoneType])

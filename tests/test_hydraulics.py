@@ -213,7 +213,7 @@ SPRING = Accumulator(rest_volume=V, coefficients=(C1,))
         (lambda: SPRING.volume(-2e5), "no volume holds -200000 Pa"),
         (lambda: Orifice(coefficient=1e-6, transition=0.0), "transition: is 0"),
         (lambda: Orifice(coefficient=math.inf), "coefficient: is inf"),
-        (lambda: Circuit(segments=()), "segments: is 0"),
+        (lambda: Circuit(segments=()), "segments: are 0"),
         (lambda: SquareWave(period=0.0), "period: is 0"),
         (lambda: SquareWave(high=math.nan), "high: is nan"),
         (lambda: Drive(np.array([0.0, 0.0]), np.zeros((1, 4))), "do not increase"),
