@@ -46,11 +46,11 @@ def test_valves_are_tuned_from_fits(tmp_path: Path, capsys: pytest.CaptureFixtur
     before, after = numbers(r"J ([\d.]+)", plain)
     assert after > before
     fits = []
-    for model in ("accumulator", "valve"):
+    for segment, model in ((1, "accumulator"), (3, "valve")):
         recording, fit = tmp_path / f"{model}.mcap", tmp_path / f"{model}.toml"
         assert cli.run(["record", model, "--out", str(recording)]) == 0
         assert cli.run(["fit", str(recording), "--model", model, "--out", str(fit)]) == 0
-        fits.append(f"1={fit}")
+        fits.append(f"{segment}={fit}")
     capsys.readouterr()
     main(*fits)
     assert numbers(r"J ([\d.]+)", capsys.readouterr().out) != [before, after]

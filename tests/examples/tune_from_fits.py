@@ -1,6 +1,6 @@
 """Put fitted accumulators and valves into the robot's circuit, then go up to the nearest better valves.
 
-    python tests/examples/tune_from_fits.py 1=accumulator.toml 2=valve.toml
+    python tests/examples/tune_from_fits.py 1=accumulator.toml 3=valve.toml
 
 The files are what `python -m catheter fit RECORDING --model accumulator|valve --out FILE` writes;
 1 is the segment next to the source. Without any, the thesis's circuit is tuned. `python -m catheter tune`
