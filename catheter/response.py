@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 QUANTITIES = ("twist", "extension", "bending", "volume")
 SAMPLES = 200  # of P(V) for the spring's polynomial
+ENOUGH = 1e-3  # of the greatest pressure: the RMSE at which the polynomial's order is enough
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,7 +175,7 @@ def spring(run: "Inflation") -> Spring:
     slopes = [rest.volume / point.compliance for point in ends]
     curve = CubicHermiteSpline(ratio, [point.load for point in ends], slopes)
     samples = np.linspace(1.0, ratio[-1], SAMPLES)
-    found = fit_accumulator(samples, curve(samples))
+    found = fit_accumulator(samples, curve(samples), enough_pa=ENOUGH * ends[-1].load)
     low, high = found.rising
     made = Accumulator(
         rest_volume=rest.volume,

@@ -2,11 +2,13 @@
 
 import base64
 from pathlib import Path
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
 
-from data.files import fresh
+from data.files import check_free, fresh
+from fem.continuation import PRESSURE
 from fem.tube import Inflation
 
 HEXAHEDRON, QUADRATIC_HEXAHEDRON = 12, 25  # vtkCellType.h
@@ -57,3 +59,26 @@ def _array(name: str, values: NDArray[np.generic]) -> str:
     text = base64.b64encode(size + little.tobytes()).decode("ascii")
     kind = _NAMES[values.dtype.str[1:]]
     return f'<DataArray type="{kind}" Name="{name}"{width} format="binary">{text}</DataArray>'
+
+
+def write_pvd(run: Inflation, path: Path, *, force: bool = False) -> list[Path]:
+    """Write every load as NAME.0.vtu, NAME.1.vtu ... and a collection NAME.pvd whose time is the pressure [Pa].
+
+    Under volume control, where the pressure may fall, the time is the cavity volume [m^3]. Returns
+    the files. Raises CannotWrite.
+    """
+    parts = [path.with_name(f"{path.stem}.{k}.vtu") for k in range(len(run.points))]
+    check_free(path, force)
+    for part in parts:
+        check_free(part, force)
+    for k, part in enumerate(parts):
+        write_vtu(run, part, k, force=force)
+    times = run.pressure if run.control == PRESSURE else run.volume
+    sets = "".join(
+        f'<DataSet timestep="{float(time)!r}" part="0" file={quoteattr(part.name)}/>\n'
+        for time, part in zip(times, parts, strict=True)
+    )
+    text = f'<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1"><Collection>\n{sets}</Collection></VTKFile>\n'
+    with fresh(path, force) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return [path, *parts]

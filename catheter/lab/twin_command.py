@@ -87,7 +87,8 @@ def _save(found: "Twin", out: Path, options: argparse.Namespace, origin: dict[st
             (Topic(name=options.twist, components=("angle",), units=("rad",)), "twist", found.measured),
             (Topic(name=RESIDUAL, components=("angle",), units=("rad",), note=told), "twist", found.residual),
         ]
-    scene = f'[scene]\nkind = "recording"\ntitle = "twin"\n\n[ask]\nresponse = "{MODEL}"\ninput = "{options.pressure}"\n'
+    asked = options.twist if len(found.measured) else MODEL
+    scene = f'[scene]\nkind = "recording"\ntitle = "twin"\n\n[ask]\nresponse = "{asked}"\ninput = "{options.pressure}"\n'
     with Recorder(out, origin, scene=scene, flush_s=None, replace=options.force) as recorder:
         for topic, _, _ in columns:
             recorder.add(topic)
