@@ -72,8 +72,8 @@ class Path:
 
 def build(shape: Shape, pattern: Pattern, path: Path) -> "Tube":
     """Return the tube of a scene. Raises BadInput for what makes no tube, and for materials without c1."""
-    from fem.equilibrium import Newton
     from catheter.material import material as named
+    from fem.equilibrium import Newton
     from fem.tube import Tube
 
     if len(shape.divisions) != 3 or len(shape.voxels) != 2:

@@ -105,8 +105,8 @@ def read_tensile(path: Path, columns: Columns | None = None) -> list[Specimen]:
             raise BadInput(path, f"is no table: {error}", "expected comma-separated text with a header") from error
     if not groups:
         raise BadInput(path, "has no rows" + " that match" * bool(wanted.where), "see the table's header and values")
-    pairs = [" ".join(f"{key} {value}" for key, value in zip(keys, group, strict=True)) for group in groups]
-    return [_specimen(path, name or path.stem, np.array(rows)) for name, rows in zip(pairs, groups.values(), strict=True)]
+    named = {" ".join(f"{k} {value}" for k, value in zip(keys, group, strict=True)): group for group in groups}
+    return [_specimen(path, name or path.stem, np.array(groups[group])) for name, group in named.items()]
 
 
 def rested(test: Specimen, toe: Toe | None = None) -> Rested:

@@ -69,6 +69,7 @@ def twin(
     tube: "Tube",
     pressure: Signal,
     measured: Signal | None = None,
+    *,
     options: Twinning | None = None,
     fineness: Fineness | None = None,
     progress: Callable[[float], None] | None = None,

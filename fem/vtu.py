@@ -78,7 +78,8 @@ def write_pvd(run: Inflation, path: Path, *, force: bool = False) -> list[Path]:
         f'<DataSet timestep="{float(time)!r}" part="0" file={quoteattr(part.name)}/>\n'
         for time, part in zip(times, parts, strict=True)
     )
-    text = f'<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1"><Collection>\n{sets}</Collection></VTKFile>\n'
+    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">'
+    text = f"{head}<Collection>\n{sets}</Collection></VTKFile>\n"
     with fresh(path, force) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return [path, *parts]

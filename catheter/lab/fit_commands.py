@@ -17,7 +17,7 @@ from data.recording import UNSTATED, Recording
 
 def fit_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `fit`."""
-    parser.add_argument("recording", metavar="FILE", help="an MCAP file; for a material a table of tensile tests (.csv)")
+    parser.add_argument("recording", metavar="FILE", help="an MCAP file; for a material a table (.csv)")
     models = ("bender", "accumulator", "valve", "cracking", "hysteresis", "material")
     parser.add_argument("--model", required=True, choices=models, help="what was recorded")
     parser.add_argument("--out", metavar="FIT.toml", help="write the fit; scenes include it")
@@ -28,7 +28,7 @@ def fit_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--input", default="", metavar="TOPIC", help="bender, hysteresis: the signal it answers to")
     parser.add_argument("--rule", choices=("1 %", "AICc", "BIC"), default="1 %", help="bender: what picks the terms")
     parser.add_argument("--signed", action="store_true", help="bender: weights of any sign (default: none negative)")
-    parser.add_argument("--resamples", type=int, default=400, help="bender, material: bootstrap resamples (default 400)")
+    parser.add_argument("--resamples", type=int, default=400, help="bender, material: resamples (default 400)")
     parser.add_argument("--view", metavar="FILE.rrd", help="bender: also write a dashboard for rerun")
     parser.add_argument("--validate", metavar="FILE.mcap", help="bender: judge the model on this recording too")
     parser.add_argument("--rest-volume", metavar="VOLUME", help="accumulator: such as '20 mL'")

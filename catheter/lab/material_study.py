@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from catheter.laws import columns
 from catheter.lab.report import Progress, Report, Row
+from catheter.laws import columns
 from catheter.material_fit import MaterialFit, Tensile, fit_material
 from catheter.tensile import Columns, Rested, Specimen, read_tensile, rested
 from data.errors import BadInput
@@ -159,12 +159,12 @@ def _notes(real: list[Resin], medians: dict[str, list[float]]) -> list[str]:
             f"the published law over the published stress at 50 % strain: {own:.2f}"
         )
     misses = np.array([float(resin.law.uniaxial(1.5)) / resin.half for resin in real])
-    line = np.array(medians["line"])
+    lines = np.array(medians["line"])
     notes.append(
         f"The published laws were fitted to tension and compression at once, and miss their own tension by "
         f"{100 * (misses.min() - 1):+.0f} to {100 * (misses.max() - 1):+.0f} % at 50 % strain. With the publishers' "
-        f"zero, c1 from tension alone times that miss is {(line * misses).min():.2f} to {(line * misses).max():.2f} "
-        f"of published (correlation {np.corrcoef(line, misses)[0, 1]:.2f})."
+        f"zero, c1 from tension alone times that miss is {(lines * misses).min():.2f} to {(lines * misses).max():.2f} "
+        f"of published (correlation {np.corrcoef(lines, misses)[0, 1]:.2f})."
     )
     return notes
 

@@ -10,6 +10,7 @@ import numpy as np
 from catheter.lab.outcome import Outcome, progress, table
 from data.errors import BadInput
 from data.files import check_free, check_inputs
+from data.options import to_toml
 from data.recorder import Recorder
 from data.recording import SIMULATED, UNSTATED, Recording
 from data.signal import Signal
@@ -57,7 +58,8 @@ def twin_(options: argparse.Namespace) -> Outcome:
         if out and recording.kind == UNSTATED:
             raise BadInput(source, "does not say whether it was measured or simulated", "record it with its origin")
         measured = _measured(recording, options.twist)
-        found = twin(tube, recording.signal(options.pressure), measured, chosen, fineness, advance)
+        pressure = recording.signal(options.pressure)
+        found = twin(tube, pressure, measured, options=chosen, fineness=fineness, progress=advance)
         kind, title = recording.kind, recording.metadata.get("origin", {}).get("title", source.stem)
         if out:
             _save(found, out, options, {"kind": kind, "title": f"{title}, beside {scene.heading.title}"})
@@ -87,13 +89,13 @@ def _save(found: "Twin", out: Path, options: argparse.Namespace, origin: dict[st
             (Topic(name=options.twist, components=("angle",), units=("rad",)), "twist", found.measured),
             (Topic(name=RESIDUAL, components=("angle",), units=("rad",), note=told), "twist", found.residual),
         ]
-    asked = options.twist if len(found.measured) else MODEL
-    scene = f'[scene]\nkind = "recording"\ntitle = "twin"\n\n[ask]\nresponse = "{asked}"\ninput = "{options.pressure}"\n'
+    ask = {"response": options.twist if len(found.measured) else MODEL, "input": options.pressure}
+    scene = to_toml({"scene": {"kind": "recording", "title": origin["title"]}, "ask": ask})
     with Recorder(out, origin, scene=scene, flush_s=None, replace=options.force) as recorder:
         for topic, _, _ in columns:
             recorder.add(topic)
         recorder.write_signals(
-            {topic.name: Signal(clocks[clock], value, topic.units[0], name=topic.name) for topic, clock, value in columns}
+            {one.name: Signal(clocks[clock], value, one.units[0], name=one.name) for one, clock, value in columns}
         )
 
 
@@ -122,7 +124,7 @@ def _parts(values: dict[str, Any], found: "Twin", source: Path) -> list[Any]:
     deg = float(np.degrees(1.0))
     rows = [
         ["pressure, kPa", f"{values['least_pressure_pa'] / 1e3:.3f}", f"{values['most_pressure_pa'] / 1e3:.3f}"],
-        ["model's twist, deg (simulated)", f"{values['least_twist_rad'] * deg:.4f}", f"{values['most_twist_rad'] * deg:.4f}"],
+        ["model's twist, deg (simulated)", *(f"{values[f'{end}_twist_rad'] * deg:.4f}" for end in ("least", "most"))],
     ]
     if values["compared"]:
         low, high = np.nanmin(found.measured), np.nanmax(found.measured)

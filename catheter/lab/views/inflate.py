@@ -21,6 +21,7 @@ COLOURS = (MEASURED, BEST, *MODELS)
 CURVES = {"twist": "deg", "bending": "deg", "extension": "mm", "volume": "of rest"}
 
 Quads = NDArray[np.int64]
+Colours = NDArray[np.uint8]
 
 
 def save_inflation(run: Inflation, title: str, path: Path) -> None:
@@ -47,7 +48,7 @@ def timeline_of(run: Inflation) -> str:
 
 
 def skin(mesh: Mesh) -> tuple[Quads, Quads]:
-    """Return the corners (q, 4) of the faces that belong to one element only, seen from outside, and their parts (q,)."""
+    """Return the corners (q, 4) of the faces that one element has alone, seen from outside, and their parts (q,)."""
     corners = np.concatenate([faces(mesh.hexes, name)[:, :4] for name in FACES]).astype(np.int64)
     part = np.tile(mesh.part.astype(np.int64), len(FACES))
     _, first, count = np.unique(np.sort(corners, axis=1), axis=0, return_index=True, return_counts=True)
@@ -85,25 +86,27 @@ def _log(stream: rr.RecordingStream, run: Inflation, title: str) -> None:
         levels = np.clip(share / max(most - 1, 1e-12) * (SHADES - 1), 0, SHADES - 1).astype(int)
         _tube(stream, quads, point.x, colours[kind], shades[levels])
         for name, values in curves.items():
-            stream.log(f"/curve/{name}", rr.Scalars(float(values[k])))
+            stream.log(f"/curve/{name}", rr.Scalars(round(float(values[k]), 9)))
         digits = -np.log10(np.maximum(point.residuals, 1e-16))
         stream.log("/newton", rr.BarChart(np.maximum(digits, 0.0)))
     stream.log("/text", rr.TextDocument(_text(run, title, most), media_type="text/markdown"), static=True)
     stream.send_recording_name(f"{SIMULATED}: {title}")
-    stream.send_blueprint(_blueprint(timeline, most), make_active=True)
+    end = 1e3 * np.vstack([mesh.nodes, run.points[-1].x])
+    ends = (0 if run.control == "pressure" else 1000, round(float(at.max())))
+    stream.send_blueprint(_blueprint(timeline, most, ends, end), make_active=True)
 
 
 def _moment(stream: rr.RecordingStream, timeline: str, count: int) -> None:
     stream.set_time(timeline, sequence=count)
 
 
-def _tube(stream: rr.RecordingStream, quads: Quads, x: Array, kind: NDArray[np.uint8], shade: NDArray[np.uint8]) -> None:
+def _tube(stream: rr.RecordingStream, quads: Quads, x: Array, kind: Colours, shade: Colours) -> None:
     """Log the skin twice, each face with four corners of its own, so that it has one colour [mm]."""
     corners = 1e3 * x[quads]
     across = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     normal = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-30)
     first = 4 * np.arange(len(quads))[:, None]
-    triangles = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]]).astype(np.uint32)
+    triangles = (first + np.array([[0, 1, 2, 0, 2, 3]])).reshape(-1, 3).astype(np.uint32)
     for name, colour in (("material", kind), ("stretch", shade)):
         mesh = rr.Mesh3D(
             vertex_positions=corners.reshape(-1, 3).astype(np.float32),
@@ -132,16 +135,25 @@ def _text(run: Inflation, title: str, most: float) -> str:
     return "\n".join(lines)
 
 
-def _blueprint(timeline: str, most: float) -> rrb.Blueprint:
+def _blueprint(timeline: str, most: float, ends: tuple[int, int], nodes: Array) -> rrb.Blueprint:
+    """Return the page; ends: of the timeline. nodes (n, 3) [mm] must be in the camera's sight."""
+    first, last = (rrb.TimeRangeBoundary.absolute(seq=count) for count in ends)
+    axis = rrb.TimeAxis(view_range=rr.TimeRange(start=first, end=last))
+    middle, reach = (nodes.min(axis=0) + nodes.max(axis=0)) / 2, float(np.ptp(nodes, axis=0).max())
+    eye = rrb.EyeControls3D(
+        position=middle + reach * np.array([1.3, -1.3, 0.5]), look_target=middle, eye_up=(0.0, 0.0, 1.0)
+    )
     plots = [
-        rrb.TimeSeriesView(name=view_name(name, unit, SIMULATED), origin=f"/curve/{name}")
+        rrb.TimeSeriesView(name=view_name(name, unit, SIMULATED), origin=f"/curve/{name}", axis_x=axis)
         for name, unit in CURVES.items()
     ]
     newton = rrb.BarChartView(name=view_name("Newton: digits of balance by iteration", "", SIMULATED), origin="/newton")
     text = rrb.TextDocumentView(name=view_name("inflation", "", SIMULATED), origin="/text")
     meshes = [
-        rrb.Spatial3DView(name=view_name("materials", "", SIMULATED), origin="/material"),
-        rrb.Spatial3DView(name=view_name(f"stretch 1 to {most:.2f}", "", SIMULATED), origin="/stretch"),
+        rrb.Spatial3DView(name=view_name("materials", "", SIMULATED), origin="/material", eye_controls=eye),
+        rrb.Spatial3DView(
+            name=view_name(f"stretch 1 to {most:.2f}", "", SIMULATED), origin="/stretch", eye_controls=eye
+        ),
     ]
     left = rrb.Vertical(rrb.Horizontal(*meshes), rrb.Horizontal(text, newton), row_shares=[2, 1])
     page = rrb.Horizontal(left, rrb.Vertical(*plots), column_shares=[5, 3])
