@@ -36,8 +36,8 @@ class Shape:
 class Pattern:
     """Where the stiff of two printable materials goes; i counts voxels around, j along.
 
-    soft, stiff: names of thesis Table 5.1, or files of fits (.toml).
-    helix: (i - j) mod period < width, a left-handed wrap; strip: i < width; rings: j mod period <
+    soft, stiff: names of thesis Table 5.1, or files of fits (.toml). helix: (i - j) mod period < width, a
+    right-handed wrap, which twists clockwise as seen from +z; strip: i < width; rings: j mod period <
     width; bender: strip and rings together; uniform: nowhere.
     """
 

@@ -32,6 +32,7 @@ STUDIES = {  # the module of each report; the function has its name, with "_" fo
     "fem": "fem_study",
     "fem-stability": "fem_study",
     "materials": "material_study",
+    "directions": "direction_study",
     "twist": "vision_study",
     "twist-stress": "vision_stress",
     "twist-containers": "container_study",

@@ -12,7 +12,7 @@ from catheter.lab.views.labels import BEST, FRAME, MEASURED, MODELS, literal, ra
 from data.files import cannot_write
 from data.recording import SIMULATED
 from data.signal import Array
-from fem.grid import FACES, Mesh, faces
+from fem.grid import Indices, skin
 from fem.tube import Inflation
 
 SHADES = 64
@@ -20,7 +20,6 @@ PANELS = (rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="colla
 COLOURS = (MEASURED, BEST, *MODELS)
 CURVES = {"twist": "deg", "bending": "deg", "extension": "mm", "volume": "of rest"}
 
-Quads = NDArray[np.int64]
 Colours = NDArray[np.uint8]
 
 
@@ -45,15 +44,6 @@ def save_inflation(run: Inflation, title: str, path: Path) -> None:
 def timeline_of(run: Inflation) -> str:
     """Return the name of the dashboard's timeline."""
     return "pressure_Pa" if run.control == "pressure" else "volume_ratio_1000"
-
-
-def skin(mesh: Mesh) -> tuple[Quads, Quads]:
-    """Return the corners (q, 4) of the faces that one element has alone, seen from outside, and their parts (q,)."""
-    corners = np.concatenate([faces(mesh.hexes, name)[:, :4] for name in FACES]).astype(np.int64)
-    part = np.tile(mesh.part.astype(np.int64), len(FACES))
-    _, first, count = np.unique(np.sort(corners, axis=1), axis=0, return_index=True, return_counts=True)
-    alone = np.sort(first[count == 1])
-    return corners[alone], part[alone]
 
 
 def _log(stream: rr.RecordingStream, run: Inflation, title: str) -> None:
@@ -100,7 +90,7 @@ def _moment(stream: rr.RecordingStream, timeline: str, count: int) -> None:
     stream.set_time(timeline, sequence=count)
 
 
-def _tube(stream: rr.RecordingStream, quads: Quads, x: Array, kind: Colours, shade: Colours) -> None:
+def _tube(stream: rr.RecordingStream, quads: Indices, x: Array, kind: Colours, shade: Colours) -> None:
     """Log the skin twice, each face with four corners of its own, so that it has one colour [mm]."""
     corners = 1e3 * x[quads]
     across = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
@@ -141,7 +131,7 @@ def _blueprint(timeline: str, most: float, ends: tuple[int, int], nodes: Array) 
     axis = rrb.TimeAxis(view_range=rr.TimeRange(start=first, end=last))
     middle, reach = (nodes.min(axis=0) + nodes.max(axis=0)) / 2, float(np.ptp(nodes, axis=0).max())
     eye = rrb.EyeControls3D(
-        position=middle + reach * np.array([1.3, -1.3, 0.5]), look_target=middle, eye_up=(0.0, 0.0, 1.0)
+        position=middle + reach * np.array([1.0, -1.0, 0.4]), look_target=middle, eye_up=(0.0, 0.0, 1.0)
     )
     plots = [
         rrb.TimeSeriesView(name=view_name(name, unit, SIMULATED), origin=f"/curve/{name}", axis_x=axis)
