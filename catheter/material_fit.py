@@ -36,8 +36,8 @@ class Tensile:
 class LawFit:
     """One law on all specimens: numbers (k,), their interval, each specimen's own (s, k), distance and stability.
 
-    aicc: Akaike's criterion of the specimens' own fits, summed, their samples taken for independent;
-    chosen_by: specimens of which it is the least. rms: of the common fit, over the specimens [Pa];
+    aicc: Akaike's criterion of the specimens' own fits, summed, their samples taken for independent:
+    some tens in favour of a law that holds another may come from the zero's own error. chosen_by: specimens of which it is the least. rms: of the common fit, over the specimens [Pa];
     own_rms: of their own fits [Pa].
     """
 
@@ -60,11 +60,12 @@ class MaterialFit:
     """Specimens without their toes, the laws that were fitted, and how far the material goes.
 
     elongation: the least strain at the greatest stress [1]; strength: the median greatest stress [Pa]; both are
-    lower bounds unless all broke. preferred: the stable law of least AICc.
+    lower bounds unless all broke. left_out: laws whose best numbers make no solid, and why.
     """
 
     specimens: tuple[Rested, ...]
     laws: dict[str, LawFit]
+    left_out: dict[str, str]
     elongation: float
     strength: float
     broke: int
@@ -86,14 +87,19 @@ def fit_material(
     chosen = options or Tensile()
     free = tuple(rested(test, chosen.toe) for test in tests)
     pieces = [_ranged(one, chosen.most_strain) for one in free]
-    laws = {}
+    laws: dict[str, LawFit] = {}
+    left_out: dict[str, str] = {}
     for done, name in enumerate(NUMBERS):
-        laws[name] = _fit(name, pieces, chosen)
+        try:
+            laws[name] = _fit(name, pieces, chosen)
+        except BadInput as error:
+            left_out[name] = str(error)
         if progress:
             progress((done + 1) / len(NUMBERS))
     return MaterialFit(
         specimens=free,
         laws=_compared(laws, pieces),
+        left_out=left_out,
         elongation=min(float(one.strain[-1]) for one in free),
         strength=float(np.median([one.stress[-1] for one in free])),
         broke=sum(one.broke is True for one in free),

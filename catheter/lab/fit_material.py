@@ -91,6 +91,7 @@ def _parts(found: "MaterialFit", wanted: "LawFit") -> list[Any]:
     return [
         table(head, laws, title),
         *(f"{fit.name}: {fit.stability.words}" for fit in found.laws.values() if not fit.stability.everywhere),
+        *(f"{name} left out: {why}" for name, why in found.left_out.items()),
         table(["law", "number", "value MPa", level, "high", "specimens' median"], numbers, words=2),
         f"Strain counted from the stress-free state: shifted by {shifts.min():+.4f} to {shifts.max():+.4f}, "
         f"{sum(one.dropped for one in found.specimens)} samples of toe left out.",
@@ -138,6 +139,7 @@ def _values(found: "MaterialFit", wanted: "LawFit", name: str) -> dict[str, Any]
         "name": name,
         "law": wanted.name,
         "laws": laws,
+        "left_out": found.left_out,
         "specimens": specimens,
         "elongation": found.elongation,
         "strength_pa": found.strength,
@@ -169,7 +171,7 @@ def _tables(found: "MaterialFit", wanted: "LawFit", name: str) -> dict[str, dict
         "material": name,
         "elongation_at_least": round(100 * found.elongation, 1),
         "strength": round(found.strength / MPA, 4),
-        "c1": round(float(found.laws["neo-Hooke"].values[0]) / MPA, 4),
+        "c1": round(float(found.laws["neo-Hooke"].values[0]) / MPA, 4),  # the one a positive stress always has
     }
     return {
         "fit": told,
