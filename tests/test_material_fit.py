@@ -111,6 +111,16 @@ def test_drucker_finds_where_a_law_turns() -> None:
     assert not drucker(Ogden((2e5, 1e5), (2.0, -1.0)), 3.0).everywhere
 
 
+def test_drucker_finds_mooney_rivlin_s_limit_when_stretched_both_ways() -> None:
+    # W(e, e) = c1 (2 x + x^-2) + c2 (2 / x + x^2), x = exp(2 e): its second derivative over e vanishes there
+    x = np.linspace(1, 9, 400_001)
+    for c2 in (-1e5, -2e4):
+        steep = 2e5 * (8 * x + 16 / x**2) + c2 * (8 / x + 16 * x**2)
+        limit = float(np.sqrt(x[np.argmax(steep <= 0)]))
+        found = drucker(MooneyRivlin(2e5, c2), 3.0).limits["both ways"][1]
+        assert found == pytest.approx(limit, rel=3e-3)  # a step of the search
+
+
 def test_drucker_agrees_with_the_uniaxial_maximum() -> None:
     law = Yeoh(2e5, -2e4, 0.0)
     found = drucker(law, 3.0)
