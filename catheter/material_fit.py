@@ -37,8 +37,9 @@ class LawFit:
     """One law on all specimens: numbers (k,), their interval, each specimen's own (s, k), distance and stability.
 
     aicc: Akaike's criterion of the specimens' own fits, summed, their samples taken for independent:
-    some tens in favour of a law that holds another may come from the zero's own error. chosen_by: specimens of which it is the least. rms: of the common fit, over the specimens [Pa];
-    own_rms: of their own fits [Pa].
+    some tens in favour of a law that holds another may come from the zero's own error. chosen_by:
+    specimens of which it is the least. rms: of the common fit, over the specimens [Pa]; own_rms: of
+    their own fits [Pa].
     """
 
     name: str

@@ -16,8 +16,9 @@ _NAMES = {"f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
 
 
 def write_vtu(run: Inflation, path: Path, index: int = -1, *, force: bool = False) -> None:
-    """Write one load's mesh at rest with its displacement [m], and by cell: voxel, shear modulus [Pa], stretch.
+    """Write one load's mesh at rest with its displacement [m], and numbers by cell.
 
+    They are voxel, shear modulus [Pa], stretch, and whether that is past the material's elongation.
     ParaView shows it deformed by "Warp by Vector". Raises CannotWrite.
     """
     body, x = run.system.body, run.points[index].x
@@ -25,8 +26,10 @@ def write_vtu(run: Inflation, path: Path, index: int = -1, *, force: bool = Fals
     stretch = np.linalg.norm(body.deformation(x), ord=2, axis=(-2, -1)).max(axis=1)
     laws = [*run.tube.material.ravel(), run.tube.cap_material]
     shear = np.array([law.shear for law in laws])[mesh.part]
+    limit = np.array([law.elongation for law in laws])[mesh.part]
     kind = HEXAHEDRON if mesh.order == 1 else QUADRATIC_HEXAHEDRON
     count, width = mesh.hexes.shape
+    over = (stretch - 1 > limit).astype(np.uint8)
     cells = {
         "connectivity": mesh.hexes.ravel(),
         "offsets": np.arange(1, count + 1, dtype=np.int64) * width,
@@ -34,7 +37,7 @@ def write_vtu(run: Inflation, path: Path, index: int = -1, *, force: bool = Fals
     }
     parts = [
         ("PointData", {"displacement": x - mesh.nodes}),
-        ("CellData", {"voxel": mesh.part, "shear_modulus": shear, "stretch": stretch}),
+        ("CellData", {"voxel": mesh.part, "shear_modulus": shear, "stretch": stretch, "overstretched": over}),
         ("Points", {"position": mesh.nodes}),
         ("Cells", cells),
     ]

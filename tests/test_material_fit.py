@@ -194,5 +194,9 @@ def test_the_wrong_range_and_law_are_refused(tmp_path: Path, capsys) -> None:
     base = ["fit", path, "--model", "material", "--specimen", "specimen"]
     assert cli.run([*base, "--law", "Yoeh"]) == 2
     assert "Yeoh" in capsys.readouterr().err
+    assert cli.run([*base, "--rest-volume", "2 mL"]) == 2
+    assert "--rest-volume: given for a material model" in capsys.readouterr().err
+    assert cli.run(["fit", path, "--model", "bender", "--where", "specimen=1"]) == 2
+    assert "--where: given for a bender model" in capsys.readouterr().err
     assert cli.run([*base, "--most-strain", "0.1"]) == 2
     assert "widen the range" in capsys.readouterr().err

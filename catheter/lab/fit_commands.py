@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from catheter.lab.fit_bender import Fitted, bender, replayed
-from catheter.lab.fit_material import fit_tests, material_options
+from catheter.lab.fit_material import check_material, fit_tests, material_options
 from catheter.lab.outcome import Outcome, progress, table
 from data.errors import BadInput
 from data.files import check_free, check_inputs, fresh
@@ -43,6 +43,7 @@ def fit_(options: argparse.Namespace) -> Outcome:
     for path in (Path(name) for name in (options.out, options.view, options.picture) if name):
         check_inputs(path, source)
         check_free(path, options.force)
+    check_material(options)
     if options.model == "material":
         kind = options.origin or UNSTATED
         fitted = fit_tests(source, kind, options)

@@ -34,6 +34,16 @@ def material_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--picture", metavar="FILE.png", help="data and fits, without a window")
 
 
+def check_material(options: argparse.Namespace) -> None:
+    """Refuse a material fit's options for another model, and another's for a material."""
+    own = ("specimen", "where", "strain", "stress", "law", "name", "origin", "picture")
+    others = ("response", "input", "view", "validate", "rest_volume", "target")
+    given = [name for name in (others if options.model == "material" else own) if getattr(options, name)]
+    if given:
+        option = f"--{given[0].replace('_', '-')}"
+        raise BadInput(option, f"given for a {options.model} model", "leave it out, or see fit --help")
+
+
 def fit_tests(source: Path, kind: str, options: argparse.Namespace) -> "Fitted":
     """Fit the laws to a table of tensile tests."""
     from catheter.lab.fit_bender import Fitted
