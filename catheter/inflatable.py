@@ -36,9 +36,9 @@ class Shape:
 class Pattern:
     """Where the stiff of two printable materials goes; i counts voxels around, j along.
 
-    soft, stiff: names of thesis Table 5.1, or files of fits (.toml). helix: (i - j) mod period < width, a
-    right-handed wrap, which twists clockwise as seen from +z; strip: i < width; rings: j mod period <
-    width; bender: strip and rings together; uniform: nowhere.
+    soft, stiff: names of thesis Table 5.1, or files of fits (.toml), which count from the working
+    folder. helix: (i - j) mod period < width, a right-handed wrap, which twists clockwise as seen from
+    +z; strip: i < width; rings: j mod period < width; bender: strip and rings together; uniform: nowhere.
     """
 
     soft: str = "Agilus30"

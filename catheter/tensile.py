@@ -113,31 +113,36 @@ def rested(test: Specimen, toe: Toe | None = None) -> Rested:
     """Return a specimen counted from where its material is free of stress, without toe and preload.
 
     A test's strain is counted from where its machine began: before it a preload has stretched the
-    specimen, or grips still take up slack (the toe). ASTM D638 extends a straight line from beyond the toe to zero
-    stress, which a rubber's curve bends away from at once. Here the line is the neo-Hookean curve
-    2 c1 (l - l^-2), l = 1 + strain + shift: Mooney-Rivlin follows it to first order in the strain,
-    Yeoh's law to second, so that its two numbers, c1 and shift, are what the samples up to `span` can
-    tell. The toe ends at the first sample from which the curve fits about as well as from any later one.
+    specimen, or grips still take up slack (the toe). ASTM D638 extends a straight line from beyond the
+    toe to zero stress, which a rubber's curve bends away from at once. Here the line is the
+    neo-Hookean curve 2 c1 (l - l^-2), l = 1 + strain + shift: Mooney-Rivlin follows it to first order
+    in the strain, Yeoh's law to second, so that its two numbers, c1 and shift, are what the samples up
+    to `span` can tell. The toe ends at the first sample from which the curve fits about as well as
+    from any later one.
     Raises BadInput for too few samples, or a curve that is never stiff.
     """
     chosen = toe or Toe()
     strain, stress = test.strain, test.stress
-    last = max(int(np.searchsorted(strain, strain[0] + chosen.span)), 1)
-    fits = [_neo_hookean(test.name, strain, stress, start, chosen.span) for start in range(last)]
+    last = min(int(np.searchsorted(strain, strain[0] + chosen.span)), len(strain) - LEAST_SAMPLES + 1)
+    if last < 1:
+        raise BadInput(f"specimen {test.name}", f"has {len(strain)} samples before it tore", "expected 8")
+    fits = [_neo_hookean(strain, stress, start, chosen.span) for start in range(last)]
     best = min(misfit for _, _, misfit in fits)
+    if not np.isfinite(best):
+        raise BadInput(
+            f"specimen {test.name}", "has no stress-free state by its first samples", "is it a tensile test?"
+        )
     first = next(k for k, (_, _, misfit) in enumerate(fits) if misfit <= max(chosen.factor * best, LEAST_MISFIT))
     c1, shift, _ = fits[first]
-    if len(strain) - first < LEAST_SAMPLES:
-        raise BadInput(f"specimen {test.name}", f"has {len(strain) - first} samples beyond its toe", "expected 8")
     return Rested(test.name, strain[first:] + shift, stress[first:], shift, first, c1, test.broke)
 
 
-def _neo_hookean(name: str, strain: Array, stress: Array, first: int, span: float) -> tuple[float, float, float]:
+def _neo_hookean(strain: Array, stress: Array, first: int, span: float) -> tuple[float, float, float]:
     """Return (c1 [Pa], shift, misfit) of the neo-Hookean curve nearest to a span of samples, by Gauss-Newton.
 
-    misfit: root mean square distance over the span's last stress.
+    misfit: root mean square distance over the span's last stress, infinite where no such curve is near.
     """
-    window = slice(first, max(int(np.searchsorted(strain, strain[first] + span)), first + LEAST_SAMPLES // 2))
+    window = slice(first, max(int(np.searchsorted(strain, strain[first] + span)), first + LEAST_SAMPLES))
     strain, stress = strain[window], stress[window]
     slope, height = np.polyfit(strain, stress, 1)
     c1, shift = float(slope) / 6, float(height / slope) if slope > 0 else 0.0
@@ -148,10 +153,10 @@ def _neo_hookean(name: str, strain: Array, stress: Array, first: int, span: floa
         bend, steep = 2 * (stretch - stretch**-2), 2 * c1 * (1 + 2 * stretch**-3)
         away = stress - c1 * bend
         step = np.linalg.lstsq(np.stack([bend, steep], axis=1), away, rcond=None)[0]
-        if abs(step[1]) < 1e-12 and abs(step[0]) < 1e-9 * c1:
+        if abs(step[1]) < 1e-11 and abs(step[0]) < 1e-10 * c1:
             return c1, shift, float(np.sqrt(np.mean(away**2)) / stress[-1])
         c1, shift = c1 + float(step[0]), shift + float(step[1])
-    raise BadInput(f"specimen {name}", "has no stress-free state by its first samples", "is it a tensile test?")
+    return np.nan, np.nan, np.inf
 
 
 def _specimen(path: Path, name: str, rows: Array) -> Specimen:

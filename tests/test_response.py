@@ -159,6 +159,8 @@ def test_a_recorded_pressure_drives_the_model(tmp_path: Path, tube: Tube, scene:
         assert model.value[at] == pytest.approx(float(tube.inflate([pressure[at] - 101e3]).twist[0]), abs=5e-4)
     assert cli.run(command) == 2
     assert "not overwritten" in capsys.readouterr().err
+    assert cli.run(["twin", str(scene), str(source)]) == 2
+    assert "--ambient takes what it is at rest" in capsys.readouterr().err
 
 
 def test_a_twin_keeps_gaps_and_lives_without_a_twist(tube: Tube) -> None:

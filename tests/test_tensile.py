@@ -33,6 +33,15 @@ def test_toe_and_preload_of_a_yeoh_curve_are_removed(slack: float, foot: float) 
         assert abs(study.c1_of(study.untouched(test)) / study.KNOWN.c1 - 1) > 0.1
 
 
+def test_a_long_slack_with_noise_about_zero_is_a_toe() -> None:
+    strain, noise = np.arange(0, 1.5, 0.02), np.random.default_rng(3).normal(0, 300, 75)
+    stress = study.KNOWN.uniaxial(1 + np.maximum(strain - 0.25, 0)) + noise
+    found = rested(Specimen("a", strain, stress))
+    assert found.shift == pytest.approx(-0.25, abs=0.01)
+    assert found.dropped >= 10
+    assert study.c1_of(found) == pytest.approx(study.KNOWN.c1, rel=0.03)
+
+
 def _table(tmp_path: Path, rows: str) -> Path:
     path = tmp_path / "tests.csv"
     path.write_text(HEADER + rows, encoding="utf-8")

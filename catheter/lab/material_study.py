@@ -13,7 +13,7 @@ import numpy as np
 from catheter.lab.report import Progress, Report, Row
 from catheter.laws import columns
 from catheter.material_fit import MaterialFit, Tensile, fit_material
-from catheter.tensile import Columns, Rested, Specimen, read_tensile, rested
+from catheter.tensile import Columns, Rested, Specimen, Toe, read_tensile, rested
 from data.errors import BadInput
 from fem.material import Yeoh
 
@@ -130,7 +130,7 @@ def materials(*, quick: bool, progress: Progress) -> Report:
         level="specimens",
         error="relative error of c1",
         rows=rows,
-        notes=[*_notes(real, medians), *(_choice(name, fit) for name, fit in fits.items())],
+        notes=[*_notes(real, medians), *_sensitivity(real), *(_choice(name, fit) for name, fit in fits.items())],
         draw=lambda figure: _draw(figure, real, medians, fits),
     )
 
@@ -166,6 +166,20 @@ def _notes(real: list[Resin], medians: dict[str, list[float]]) -> list[str]:
         f"zero, c1 from tension alone times that miss is {(lines * misses).min():.2f} to {(lines * misses).max():.2f} "
         f"of published (correlation {np.corrcoef(lines, misses)[0, 1]:.2f})."
     )
+    return notes
+
+
+def _sensitivity(real: list[Resin]) -> list[str]:
+    """Say what the span of the zero and the range of the fit do to the ratio to the published c1."""
+    notes = []
+    for span, most in ((0.2, MOST), (0.3, MOST), (0.4, MOST), (0.3, 0.5), (0.3, 1.5)):
+        toe = Toe(span=span)
+        ratios = [np.median([c1_of(rested(test, toe), most) for test in resin.tests]) / resin.c1 for resin in real]
+        near = sum(abs(ratio - 1) <= 0.1 for ratio in ratios)
+        notes.append(
+            f"Ours with the zero from strains to {span:g}, fitted to {most:g}: c1 {min(ratios):.2f} to "
+            f"{max(ratios):.2f} of published, median {np.median(ratios):.2f}, {near} of {len(ratios)} in 10 %"
+        )
     return notes
 
 

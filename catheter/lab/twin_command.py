@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from catheter.lab.outcome import Outcome, progress, table
-from data.errors import BadInput
+from data.errors import BadInput, DidNotConverge
 from data.files import check_free, check_inputs
 from data.options import to_toml
 from data.recorder import Recorder
@@ -59,7 +59,11 @@ def twin_(options: argparse.Namespace) -> Outcome:
             raise BadInput(source, "does not say whether it was measured or simulated", "record it with its origin")
         measured = _measured(recording, options.twist)
         pressure = recording.signal(options.pressure)
-        found = twin(tube, pressure, measured, options=chosen, fineness=fineness, progress=advance)
+        try:
+            found = twin(tube, pressure, measured, options=chosen, fineness=fineness, progress=advance)
+        except DidNotConverge as error:
+            error.add_note("is the recorded pressure absolute? --ambient takes what it is at rest")
+            raise
         kind, title = recording.kind, recording.metadata.get("origin", {}).get("title", source.stem)
         if out:
             _save(found, out, options, {"kind": kind, "title": f"{title}, beside {scene.heading.title}"})
