@@ -18,7 +18,7 @@ from fem.tube import Inflation
 SHADES = 64
 PANELS = (rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed"))
 COLOURS = (MEASURED, BEST, *MODELS)
-CURVES = {"twist": "deg", "bending": "deg", "extension": "mm", "volume": "of rest"}
+UNITS = {"twist": "deg", "bending": "deg", "extension": "mm", "volume": "of rest", "pressure": "kPa"}
 
 Colours = NDArray[np.uint8]
 
@@ -59,12 +59,8 @@ def _log(stream: rr.RecordingStream, run: Inflation, title: str) -> None:
     timeline = timeline_of(run)
     ratio = run.volume / run.tube.rest_volume
     at = run.pressure if run.control == "pressure" else 1000 * ratio
-    curves = {
-        "twist": np.degrees(run.twist),
-        "bending": np.degrees(run.bending),
-        "extension": 1e3 * run.extension,
-        "volume": ratio,
-    }
+    curves = {"twist": np.degrees(run.twist), "bending": np.degrees(run.bending), "extension": 1e3 * run.extension}
+    curves |= {"volume": ratio} if run.control == "pressure" else {"pressure": run.pressure / 1e3}
     _moment(stream, timeline, 0 if run.control == "pressure" else 1000)
     for name in curves:
         stream.log(f"/curve/{name}", rr.Scalars(1.0 if name == "volume" else 0.0))
@@ -83,7 +79,7 @@ def _log(stream: rr.RecordingStream, run: Inflation, title: str) -> None:
     stream.send_recording_name(f"{SIMULATED}: {title}")
     end = 1e3 * np.vstack([mesh.nodes, run.points[-1].x])
     ends = (0 if run.control == "pressure" else 1000, round(float(at.max())))
-    stream.send_blueprint(_blueprint(timeline, most, ends, end), make_active=True)
+    stream.send_blueprint(_blueprint(timeline, [*curves], most, ends, end), make_active=True)
 
 
 def _moment(stream: rr.RecordingStream, timeline: str, count: int) -> None:
@@ -120,12 +116,13 @@ def _text(run: Inflation, title: str, most: float) -> str:
         f"- stretch: violet 1 to yellow {most:.3f}, the largest in a voxel",
         f"- {len(run.system.free)} unknowns, {run.solver}, {int(run.iterations.sum())} Newton iterations",
         f"- stable under its pressure: {int(run.stable.sum())} of {len(run.points)} loads",
+        f"- past their material's elongation at the last load: {int(run.overstretched().sum())} voxels",
         "- twist is anticlockwise as seen from +z, the tip's side; mesh in mm",
     ]
     return "\n".join(lines)
 
 
-def _blueprint(timeline: str, most: float, ends: tuple[int, int], nodes: Array) -> rrb.Blueprint:
+def _blueprint(timeline: str, curves: list[str], most: float, ends: tuple[int, int], nodes: Array) -> rrb.Blueprint:
     """Return the page; ends: of the timeline. nodes (n, 3) [mm] must be in the camera's sight."""
     first, last = (rrb.TimeRangeBoundary.absolute(seq=count) for count in ends)
     axis = rrb.TimeAxis(view_range=rr.TimeRange(start=first, end=last))
@@ -134,8 +131,8 @@ def _blueprint(timeline: str, most: float, ends: tuple[int, int], nodes: Array) 
         position=middle + reach * np.array([1.0, -1.0, 0.4]), look_target=middle, eye_up=(0.0, 0.0, 1.0)
     )
     plots = [
-        rrb.TimeSeriesView(name=view_name(name, unit, SIMULATED), origin=f"/curve/{name}", axis_x=axis)
-        for name, unit in CURVES.items()
+        rrb.TimeSeriesView(name=view_name(name, UNITS[name], SIMULATED), origin=f"/curve/{name}", axis_x=axis)
+        for name in curves
     ]
     newton = rrb.BarChartView(name=view_name("Newton: digits of balance by iteration", "", SIMULATED), origin="/newton")
     text = rrb.TextDocumentView(name=view_name("inflation", "", SIMULATED), origin="/text")
