@@ -17,6 +17,7 @@ from data.signal import Array
 from fem.material import Law, Ogden
 
 LEAST_IN_RANGE = 8
+LEAST_SQUARE = 1e-12  # Pa^2: below it a residual is rounding
 POWERS = np.concatenate([np.linspace(-12, -0.1, 60), np.linspace(0.1, 12, 60)])  # of Ogden's term
 
 
@@ -36,6 +37,7 @@ class Tensile:
 class LawFit:
     """One law on all specimens: numbers (k,), their interval, each specimen's own (s, k), distance and stability.
 
+    low, high (k,): the interval, NaN where one specimen tells nothing of others.
     aicc: Akaike's criterion of the specimens' own fits, summed, their samples taken for independent:
     some tens in favour of a law that holds another may come from the zero's own error. chosen_by:
     specimens of which it is the least. rms: of the common fit, over the specimens [Pa]; own_rms: of
@@ -141,6 +143,8 @@ def _fit(name: str, pieces: list[_Piece], options: Tensile) -> LawFit:
     resampled = np.stack([solve(pick.astype(np.float64)) for pick in picks])
     tail = (1 - options.level) / 2
     low, high = np.quantile(resampled, [tail, 1 - tail], axis=0)
+    if len(pieces) == 1:
+        low, high = np.full_like(low, np.nan), np.full_like(high, np.nan)
     made = make_law(name, values, options.nu)
     squares = [_square(name, values, piece) for piece in pieces]
     own = [_square(name, value, piece) for value, piece in zip(each, pieces, strict=True)]
@@ -223,7 +227,7 @@ def _compared(laws: dict[str, LawFit], pieces: list[_Piece]) -> dict[str, LawFit
     for name, fit in laws.items():
         squares = np.array([_square(name, value, piece) for value, piece in zip(fit.each, pieces, strict=True)])
         n, k = np.array([len(piece.stress) for piece in pieces]), fit.values.size + 1
-        table[name] = n * np.log(squares) + 2 * k + 2 * k * (k + 1) / (n - k - 1)
+        table[name] = n * np.log(np.maximum(squares, LEAST_SQUARE)) + 2 * k + 2 * k * (k + 1) / (n - k - 1)
     won = np.argmin(np.stack(list(table.values())), axis=0)
     return {
         name: replace(fit, aicc=float(table[name].sum()), chosen_by=int((won == index).sum()))

@@ -76,6 +76,12 @@ def test_least_squares_is_at_its_optimum_and_specimens_count_alike() -> None:
     assert np.abs(slope / size).max() < 1e-12
 
 
+def test_one_specimen_has_no_interval() -> None:
+    fit = fit_material(_tests(LAWS["Yeoh"])[:1], QUICK).laws["Yeoh"]
+    assert np.isnan(fit.low).all()
+    assert np.isnan(fit.high).all()
+
+
 def test_akaike_prefers_the_law_that_made_the_data() -> None:
     plain = fit_material(_tests(LAWS["neo-Hooke"], noise=300.0), QUICK).laws
     best = min(fit.aicc for fit in plain.values())

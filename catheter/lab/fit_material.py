@@ -114,7 +114,7 @@ def _parts(found: "MaterialFit", wanted: "LawFit") -> list[Any]:
 def _number(fit: "LawFit", k: int) -> list[str]:
     unit = 1.0 if fit.numbers[k] == "alpha" else MPA
     shown = (fit.values[k], fit.low[k], fit.high[k], np.median(fit.each[:, k]))
-    return [f"{value / unit:.4g}" for value in shown]
+    return [f"{value / unit:.4g}" if np.isfinite(value) else "-" for value in shown]
 
 
 def _values(found: "MaterialFit", wanted: "LawFit", name: str) -> dict[str, Any]:
@@ -166,6 +166,7 @@ def _tables(found: "MaterialFit", wanted: "LawFit", name: str) -> dict[str, dict
         f"{n}_{end}": float(v) if n == "alpha" else f"{float(v)!r} Pa"
         for end, row in (("low", wanted.low), ("high", wanted.high))
         for n, v in zip(wanted.numbers, row, strict=True)
+        if np.isfinite(v)
     }
     told = {
         "law": wanted.name,
