@@ -1,7 +1,8 @@
 """A quasi-static twin: a recorded pressure drives the model of a printed tube, beside the twist that was measured.
 
 The model has no memory and no inertia: what it leaves of the twist is friction, relaxation,
-delay, and what is wrong with the materials.
+delay, and what is wrong with the materials. Twist is positive anticlockwise as seen from the tip's
+side: a camera that looks at the tip measures it with that sign.
 """
 
 from collections.abc import Callable

@@ -105,7 +105,7 @@ def _parts(found: "MaterialFit", wanted: "LawFit") -> list[Any]:
         table(["law", "number", "value MPa", level, "high", "specimens' median"], numbers, words=2),
         f"Strain counted from the stress-free state: shifted by {shifts.min():+.4f} to {shifts.max():+.4f}, "
         f"{sum(one.dropped for one in found.specimens)} samples of toe left out.",
-        f"Written: {wanted.name}. Elongation at least {found.elongation:.1%}, strength {found.strength / MPA:.3g} MPa "
+        f"Chosen: {wanted.name}. Elongation at least {found.elongation:.1%}, strength {found.strength / MPA:.3g} MPa "
         f"(median; {rupture}{'' if found.broke == len(found.specimens) else ': lower bounds'}).",
         TENSION_ONLY,
     ]

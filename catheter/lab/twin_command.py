@@ -29,7 +29,12 @@ def twin_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", help="an MCAP file with a pressure, and perhaps a twist")
     parser.add_argument("--out", metavar="FILE.mcap", help="pressure, model, measurement and residual as a recording")
     parser.add_argument("--pressure", default="/pressure", metavar="TOPIC", help="default: /pressure")
-    parser.add_argument("--twist", default="/twist", metavar="TOPIC", help="default: /twist, if it is there")
+    parser.add_argument(
+        "--twist",
+        default="/twist",
+        metavar="TOPIC",
+        help="default: /twist, if it is there; anticlockwise as seen from the tip",
+    )
     parser.add_argument("--ambient", default="0 Pa", metavar="PRESSURE", help="recorded pressure at rest (default: 0)")
     parser.add_argument("--lag", default="0 s", metavar="TIME", help="by how much the twist follows the pressure")
     parser.add_argument("--tolerance", default="0.0005 rad", metavar="ANGLE", help="of the model's curve")
