@@ -188,8 +188,9 @@ class Circuit:
 def with_fit(circuit: Circuit, segment: int, path: Path) -> Circuit:
     """Return the circuit with segment 0..N-1's accumulator or valve as `python -m catheter fit` found it.
 
-    path: the TOML of an accumulator fit (pressure law; beyond the volumes that were measured a straight
-    line) or of a valve fit (flow coefficient). Raises BadInput for another file or segment.
+    path: the TOML of an accumulator fit (pressure law, and rest volume where it says one; beyond the
+    volumes that were measured a straight line) or of a valve fit (flow coefficient). Raises BadInput
+    for another file or segment.
     """
     tables = load_toml(path)[0]
     told = tables.get("fit", {})
@@ -208,7 +209,9 @@ def with_fit(circuit: Circuit, segment: int, path: Path) -> Circuit:
         law = read(_FittedLaw, given, f"{path}, [accumulator]")
         most = read(_FittedRange, {"rising": told["rising"]} if "rising" in told else {}, f"{path}, [fit]").rising[1]
         spring = Accumulator(
-            rest_volume=old.accumulator.rest_volume, coefficients=law.coefficients, linear_above=most - 1.0
+            rest_volume=law.rest_volume or old.accumulator.rest_volume,
+            coefficients=law.coefficients,
+            linear_above=most - 1.0,
         )
         new = replace(old, accumulator=spring)
     return replace(circuit, segments=(*circuit.segments[:segment], new, *circuit.segments[segment + 1 :]))
@@ -217,6 +220,7 @@ def with_fit(circuit: Circuit, segment: int, path: Path) -> Circuit:
 @dataclass(frozen=True, kw_only=True)
 class _FittedLaw:
     coefficients: tuple[float, ...] = option(unit="Pa")
+    rest_volume: float | None = option(None, unit="m^3", least=1e-15, most=1e3)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -34,10 +34,11 @@ class Shape:
 
 @dataclass(frozen=True, kw_only=True)
 class Pattern:
-    """Where the stiff of two printable materials (thesis Table 5.1) goes; i counts voxels around, j along.
+    """Where the stiff of two printable materials goes; i counts voxels around, j along.
 
-    helix: (i - j) mod period < width, a left-handed wrap; strip: i < width; rings: j mod period <
-    width; bender: strip and rings together; uniform: nowhere.
+    soft, stiff: names of thesis Table 5.1, or files of fits (.toml), which count from the working
+    folder. helix: (i - j) mod period < width, a right-handed wrap, which twists clockwise as seen from
+    +z; strip: i < width; rings: j mod period < width; bender: strip and rings together; uniform: nowhere.
     """
 
     soft: str = "Agilus30"
@@ -71,17 +72,17 @@ class Path:
 
 def build(shape: Shape, pattern: Pattern, path: Path) -> "Tube":
     """Return the tube of a scene. Raises BadInput for what makes no tube, and for materials without c1."""
+    from catheter.material import material as named
     from fem.equilibrium import Newton
-    from fem.material import printable
     from fem.tube import Tube
 
     if len(shape.divisions) != 3 or len(shape.voxels) != 2:
         raise BadInput("tube", f"divisions {shape.divisions}, voxels {shape.voxels}", "expected 3 and 2 numbers")
     around, along = shape.voxels
-    material = np.full((around, along), printable(pattern.soft, nu=shape.nu), dtype=object)
+    material = np.full((around, along), named(pattern.soft, nu=shape.nu), dtype=object)
     stiff = pattern.stiff_voxels(around, along)
     if stiff.any():
-        material[stiff] = printable(pattern.stiff, nu=shape.nu)
+        material[stiff] = named(pattern.stiff, nu=shape.nu)
     return Tube(
         length=shape.length,
         outer_radius=shape.outer_radius,

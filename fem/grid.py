@@ -132,3 +132,12 @@ def solid(nodes: Array, hexes: Indices, fixed: NDArray[np.bool_], pressed: Indic
     count, none = 4 if hexes.shape[1] == 8 else 8, np.empty(0, dtype=np.int32)
     quads = np.empty((0, count), dtype=np.int32) if pressed is None else pressed.reshape(-1, count).astype(np.int32)
     return Mesh(nodes, hexes, np.zeros(len(hexes), dtype=np.int32), quads, fixed, none, none)
+
+
+def skin(mesh: Mesh) -> tuple[Indices, Indices]:
+    """Return the corners (q, 4) of the faces that one element has alone, seen from outside, and their parts (q,)."""
+    corners = np.concatenate([faces(mesh.hexes, name)[:, :4] for name in FACES])
+    part = np.tile(mesh.part, len(FACES))
+    _, first, count = np.unique(np.sort(corners, axis=1), axis=0, return_index=True, return_counts=True)
+    alone = np.sort(first[count == 1])
+    return corners[alone], part[alone]

@@ -28,7 +28,8 @@ class Tube:
     """A tube of voxels (around, along) from z = 0, fixed there and closed at z = length; lengths in m.
 
     material: an array of laws, one a voxel, which may be assigned to: voxel [i, j] is the i-th
-    anticlockwise from the x axis as seen from +z, the j-th from the base. divisions: elements
+    anticlockwise from the x axis as seen from +z, the j-th from the base (data/pictures/directions.png
+    shows it, with twist and bending). divisions: elements
     around, along and through the wall, multiples of the voxels. cap: thickness of an elastic end
     disc of cap_material, 0 for a rigid cap. order 1: hexahedra of 8 nodes with mean dilatation;
     2: of 20 nodes. Raises BadInput for what makes no tube.

@@ -35,13 +35,14 @@ class AccumulatorFit:
 
 
 def fit_accumulator(
-    ratio: Array, pressure_pa: Array, *, threshold: float = 0.025, most_order: int = 12
+    ratio: Array, pressure_pa: Array, *, threshold: float = 0.025, most_order: int = 12, enough_pa: float = 0.0
 ) -> AccumulatorFit:
     """Fit volume ratios V (n,) and pressures (n,), raising the order while that lowers the residual.
 
     The order is the last one whose residual is by `threshold` or more below that of the order
     before (thesis eq. 3.5, 3.6: 2.5 %; read literally the rule would keep one order more, the
-    first that no longer helps). Solved by QR of x times Chebyshev polynomials over the data's
+    first that no longer helps), or the first whose RMSE is `enough_pa`: data without noise have no
+    order that no longer helps. Solved by QR of x times Chebyshev polynomials over the data's
     interval, scaled to length 1, and converted to powers at the end: plain powers lose the high
     orders to rounding. Raises BadInput for values that are not finite, a volume that never
     changes, too few samples, or a residual that still falls at `most_order`.
@@ -54,7 +55,8 @@ def fit_accumulator(
     shares = orthogonal.T @ pressure_pa
     left = pressure_pa[:, None] - np.cumsum(orthogonal * shares, axis=1)
     residuals = np.linalg.norm(left, axis=0)
-    order = _order(residuals, float(np.linalg.norm(pressure_pa)), threshold)
+    enough = max(1e-12 * float(np.linalg.norm(pressure_pa)), enough_pa * np.sqrt(len(x)))
+    order = _order(residuals, enough, threshold)
     conditions = np.array([np.linalg.cond(upper[:n, :n]) for n in range(1, most_order + 1)])
     to_powers = powers[:order, :order] @ np.diag(1 / length[:order]) @ np.linalg.inv(upper[:order, :order])
     coefficients = to_powers @ shares[:order]
@@ -92,10 +94,10 @@ def _basis(x: Array, order: int) -> tuple[Array, Array]:
     return columns, powers
 
 
-def _order(residuals: Array, size: float, threshold: float) -> int:
+def _order(residuals: Array, enough: float, threshold: float) -> int:
     for order in range(1, len(residuals)):
         before, after = residuals[order - 1], residuals[order]
-        if before <= 1e-12 * size or (before - after) / before < threshold:
+        if before <= enough or (before - after) / before < threshold:
             return order
     fall = 1 - residuals[-1] / residuals[-2]
     found = f"order {len(residuals)} still lowers the residual by {100 * fall:.1f} %"

@@ -32,5 +32,6 @@ def test_a_written_mesh_reads_back(tmp_path, order: int) -> None:
     assert (read["connectivity"].reshape(-1, read["offsets"][0]) == mesh.hexes).all()
     assert set(read["types"]) == {12 if order == 1 else 25}
     assert read["stretch"][mesh.part >= 0].max() == pytest.approx(run.stretch().max())
+    assert not read["overstretched"].any()
     with pytest.raises(CannotWrite):
         write_vtu(run, path)

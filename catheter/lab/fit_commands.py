@@ -7,17 +7,18 @@ from typing import Any
 import numpy as np
 
 from catheter.lab.fit_bender import Fitted, bender, replayed
+from catheter.lab.fit_material import check_material, fit_tests, material_options
 from catheter.lab.outcome import Outcome, progress, table
 from data.errors import BadInput
 from data.files import check_free, check_inputs, fresh
 from data.options import to_toml
-from data.recording import Recording
+from data.recording import UNSTATED, Recording
 
 
 def fit_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `fit`."""
-    parser.add_argument("recording", help="an MCAP file")
-    models = ("bender", "accumulator", "valve", "cracking", "hysteresis")
+    parser.add_argument("recording", metavar="FILE", help="an MCAP file; for a material a table (.csv)")
+    models = ("bender", "accumulator", "valve", "cracking", "hysteresis", "material")
     parser.add_argument("--model", required=True, choices=models, help="what was recorded")
     parser.add_argument("--out", metavar="FIT.toml", help="write the fit; scenes include it")
     parser.add_argument("--force", action="store_true", help="overwrite the output")
@@ -27,29 +28,36 @@ def fit_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--input", default="", metavar="TOPIC", help="bender, hysteresis: the signal it answers to")
     parser.add_argument("--rule", choices=("1 %", "AICc", "BIC"), default="1 %", help="bender: what picks the terms")
     parser.add_argument("--signed", action="store_true", help="bender: weights of any sign (default: none negative)")
-    parser.add_argument("--resamples", type=int, default=400, help="bender: block-bootstrap resamples (default 400)")
+    parser.add_argument("--resamples", type=int, default=400, help="bender, material: resamples (default 400)")
     parser.add_argument("--view", metavar="FILE.rrd", help="bender: also write a dashboard for rerun")
     parser.add_argument("--validate", metavar="FILE.mcap", help="bender: judge the model on this recording too")
     parser.add_argument("--rest-volume", metavar="VOLUME", help="accumulator: such as '20 mL'")
     parser.add_argument("--target", metavar="K", help="valve: the coefficient wanted, '3.05e-7 m^3 Pa^-0.5 s^-1'")
+    material_options(parser)
 
 
 def fit_(options: argparse.Namespace) -> Outcome:
     """Fit a model to a recording."""
     source = Path(options.recording)
     out = Path(options.out) if options.out else None
-    for path in filter(None, (out, Path(options.view) if options.view else None)):
+    for path in (Path(name) for name in (options.out, options.view, options.picture) if name):
         check_inputs(path, source)
         check_free(path, options.force)
-    with Recording(source) as recording, progress("fitting"):
-        fitted = MODELS[options.model](recording, options)
-        origin = {"model": options.model, "recording": source.name, "kind": recording.kind}
+    check_material(options)
+    if options.model == "material":
+        kind = options.origin or UNSTATED
+        fitted = fit_tests(source, kind, options)
+    else:
+        with Recording(source) as recording, progress("fitting"):
+            fitted, kind = MODELS[options.model](recording, options), recording.kind
+    origin = {"model": options.model, "recording": source.name, "kind": kind}
     tables = {"fit": origin | fitted.tables.pop("fit", {}), **fitted.tables}
     parts = [f"{options.model} model of {source} ({origin['kind']})", *fitted.parts]
     if out:
         with fresh(out, options.force) as temporary:
             temporary.write_text(to_toml(tables), encoding="utf-8")
-        parts.append(f'{out} written; a scene reads it with: include = ["{out.name}"]')
+        how = f'a tube scene names it: soft = "{out}"' if options.model == "material" else f'include = ["{out.name}"]'
+        parts.append(f"{out} written; a scene reads it with: {how}")
     values = {**origin, "out": str(out) if out else None, **fitted.values, "toml": tables}
     return Outcome(values, parts)
 

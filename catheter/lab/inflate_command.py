@@ -3,14 +3,17 @@
 import argparse
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from catheter.lab.outcome import Outcome, progress, table
 from data.errors import BadInput
+from data.files import check_free, check_inputs, fresh
 
 if TYPE_CHECKING:
-    from catheter.lab.outcome import Outcome
     from fem.tube import Inflation
 
 
@@ -27,11 +30,17 @@ def inflate_options(parser: argparse.ArgumentParser) -> None:
         metavar="RATIO",
         help="cavity volume over that at rest, instead of the scene's loads; repeatable",
     )
+    parser.add_argument("--view", metavar="FILE.rrd", help="dashboard: deformed mesh, curves, Newton's history")
+    parser.add_argument("--picture", metavar="FILE.png", help="a picture of the dashboard, without a window")
+    parser.add_argument("--vtu", metavar="FILE", help="for ParaView: .vtu the last load, .pvd all of them")
+    parser.add_argument("--accumulator", metavar="FIT.toml", help="the tube as a spring for `run --fit N=FIT.toml`")
+    parser.add_argument("--force", action="store_true", help="overwrite the outputs")
 
 
-def inflate_(options: argparse.Namespace) -> "Outcome":
+def inflate_(options: argparse.Namespace) -> Outcome:
     """Inflate a scene's tube and say what became of it at each load."""
-    from catheter.inflatable import Path, inflated
+    from catheter.inflatable import Path as Loads
+    from catheter.inflatable import inflated
     from catheter.lab.scene import Scene
     from data.options import read
 
@@ -42,16 +51,97 @@ def inflate_(options: argparse.Namespace) -> "Outcome":
     if options.pressure or options.volume:
         given = {"pressures": options.pressure, "volume_ratios": options.volume}
         path = replace(
-            read(Path, {key: value for key, value in given.items() if value}, "command line"), tolerance=path.tolerance
+            read(Loads, {key: value for key, value in given.items() if value}, "command line"), tolerance=path.tolerance
         )
+    outputs = _outputs(options)
     started = time.perf_counter()
-    run = inflated(scene.tables["tube"], scene.tables["map"], path)
-    return _outcome(run, scene.heading.title, time.perf_counter() - started)
+    with progress("inflating"):
+        run = inflated(scene.tables["tube"], scene.tables["map"], path)
+    outcome = _outcome(run, scene.heading.title, time.perf_counter() - started)
+    for name, out in outputs.items():
+        told, values = WRITERS[name](run, scene.heading.title, out, options.force)
+        outcome.parts += told
+        outcome.values |= values
+    return outcome
 
 
-def _outcome(run: "Inflation", title: str, seconds: float) -> "Outcome":
-    from catheter.lab.outcome import Outcome, table
+def _outputs(options: argparse.Namespace) -> dict[str, Path]:
+    """Return what is to be written, each place free. Raises BadInput, CannotWrite."""
+    found = {name: Path(getattr(options, name)) for name in WRITERS if getattr(options, name)}
+    if "vtu" in found and found["vtu"].suffix not in (".vtu", ".pvd"):
+        raise BadInput("--vtu", f"is {found['vtu']}", "expected a name ending in .vtu or .pvd")
+    for out in found.values():
+        check_inputs(out, Path(options.scene))
+        check_free(out, options.force)
+    return found
 
+
+Written = tuple[list[str], dict[str, Any]]
+
+
+def _view(run: "Inflation", title: str, out: Path, force: bool) -> Written:
+    from catheter.lab.views.inflate import save_inflation
+
+    with fresh(out, force) as temporary:
+        save_inflation(run, title, temporary)
+    return [f"{out} written; look at it with: rerun {out}"], {"view": str(out)}
+
+
+def _picture(run: "Inflation", title: str, out: Path, force: bool) -> Written:
+    from catheter.lab.views.inflate import save_inflation, timeline_of
+    from catheter.lab.views.picture import save_picture
+
+    with TemporaryDirectory() as folder, fresh(out, force) as temporary:
+        rrd = Path(folder) / "inflate.rrd"
+        save_inflation(run, title, rrd)
+        save_picture(rrd, temporary, count=timeline_of(run))
+    return [f"{out} written"], {"picture": str(out)}
+
+
+def _vtu(run: "Inflation", _title: str, out: Path, force: bool) -> Written:
+    from fem.vtu import write_pvd, write_vtu
+
+    if out.suffix == ".pvd":
+        files = write_pvd(run, out, force=force)
+    else:
+        write_vtu(run, out, force=force)
+        files = [out]
+    return [f"{out} written, {len(files)} file(s)"], {"vtu": [str(path) for path in files]}
+
+
+def _accumulator(run: "Inflation", title: str, out: Path, force: bool) -> Written:
+    from catheter.response import spring
+    from data.options import to_toml
+
+    found = spring(run)
+    fit, law = found.fit, found.accumulator
+    told = {
+        "model": "accumulator",
+        "recording": title,
+        "kind": "simulated",
+        "rmse": f"{fit.rmse_pa!r} Pa",
+        "rising": list(fit.rising),
+        "range": list(fit.range),
+        "standard_errors": [f"{e!r} Pa" for e in fit.standard_errors.tolist()],
+    }
+    spring_table = {
+        "rest_volume": f"{law.rest_volume!r} m^3",
+        "coefficients": [f"{c!r} Pa" for c in law.coefficients],
+    }
+    with fresh(out, force) as temporary:
+        temporary.write_text(to_toml({"fit": told, "accumulator": spring_table}), encoding="utf-8")
+    text = (
+        f"{out} written: P = sum c_n (V - 1)^n of order {fit.order}, RMSE {fit.rmse_pa:.3g} Pa, rest "
+        f"{1e6 * law.rest_volume:.4g} mL, rising for V = {fit.rising[0]:.3f} to {fit.rising[1]:.3f}"
+    )
+    values = {"out": str(out), "order": fit.order, "coefficients_pa": list(law.coefficients), "rmse_pa": fit.rmse_pa}
+    return [text], {"accumulator": values | {"rest_volume_m3": law.rest_volume, "rising": list(fit.rising)}}
+
+
+WRITERS = {"view": _view, "picture": _picture, "vtu": _vtu, "accumulator": _accumulator}
+
+
+def _outcome(run: "Inflation", title: str, seconds: float) -> Outcome:
     ratio = run.volume / run.tube.rest_volume
     columns = {
         "pressure_kpa": run.pressure / 1e3,

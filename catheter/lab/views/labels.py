@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from data.recording import UNSTATED
+from data.recording import SIMULATED, UNSTATED
 from data.signal import Array
 
 Colour = tuple[int, int, int]
@@ -37,6 +37,8 @@ def view_name(what: str, unit: str, kind: str) -> str:
 
     The word comes first, because a narrow view cuts the end of its name.
     """
+    if what.startswith(SIMULATED):  # a model's topic, which says so itself, beside a measurement
+        return f"{what} [{unit}]" if unit else what
     word = f"{kind}:" if kind == UNSTATED else kind
     return f"{word} {what} [{unit}]" if unit else f"{word} {what}"
 

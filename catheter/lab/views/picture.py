@@ -27,10 +27,13 @@ NO_DRIVER = (
 )
 
 
-def save_picture(rrd: Path, png: Path, *, at_s: float | None = None, size: tuple[int, int] = (1400, 900)) -> None:
+def save_picture(
+    rrd: Path, png: Path, *, at_s: float | None = None, count: str = "", size: tuple[int, int] = (1400, 900)
+) -> None:
     """Write a picture of a dashboard to `png`, which is replaced, with the cursor at `at_s`.
 
-    at_s: seconds; by default a little past the middle. size: width and height in pixels.
+    at_s: seconds; by default a little past the middle. count: a timeline that counts instead, of which
+    the end is shown. size: width and height in pixels.
     Raises BadInput when there is no dashboard, CatheterError when there is no Vulkan driver, no
     picture in about two minutes, or a view that fails, CannotWrite for the place.
     """
@@ -40,7 +43,7 @@ def save_picture(rrd: Path, png: Path, *, at_s: float | None = None, size: tuple
     for _ in range(ATTEMPTS):
         with viewer((size[0], size[1] + MENU)) as running:
             try:
-                pixels = _take(running, rrd, at_s)[-size[1] :]
+                pixels = _take(running, rrd, at_s, count)[-size[1] :]
                 break
             except _NoPictureError as error:
                 if "No graphics adapter" in running.printed():
@@ -60,14 +63,16 @@ class _NoPictureError(Exception):
     """One attempt failed; the message says at what."""
 
 
-def _take(running: Viewer, rrd: Path, at_s: float | None) -> Pixels:
+def _take(running: Viewer, rrd: Path, at_s: float | None, count: str) -> Pixels:
     """Return the pixels of a dashboard that has come to rest."""
     deadline = time.monotonic() + ATTEMPT_S
     try:
         client = _connect(running, deadline)
         client.open(str(rrd.resolve()))
-        at_ns = _loaded(running, client, at_s, deadline)
-        if at_ns is not None:
+        at_ns = _loaded(running, client, at_s, count or TIMELINE, deadline)
+        if at_ns is not None and count:
+            client.set_time(count, sequence=at_ns, play_state="paused")
+        elif at_ns is not None:
             client.set_time(TIMELINE, duration=np.timedelta64(at_ns, "ns"), play_state="paused")
         before, rested = _pixels(client.take_screenshot()), 1
         while time.monotonic() < deadline:
@@ -91,14 +96,16 @@ def _connect(running: Viewer, deadline: float) -> ViewerClient:
     raise _NoPictureError("the viewer ended" if running.ended else "the viewer did not answer")
 
 
-def _loaded(running: Viewer, client: ViewerClient, at_s: float | None, deadline: float) -> int | None:
+def _loaded(running: Viewer, client: ViewerClient, at_s: float | None, timeline: str, deadline: float) -> int | None:
     """Wait until the dashboard is loaded; return where its cursor belongs, None if it has no time."""
     while time.monotonic() < deadline and not running.ended:
         state = client.get_state()
         if state.recordings and state.views and not state.loading:
-            lines = [line for line in state.recordings[0].timelines if line.name == TIMELINE]
+            lines = [line for line in state.recordings[0].timelines if line.name == timeline]
             if not lines or lines[0].start is None or lines[0].end is None:
                 return None
+            if timeline != TIMELINE:
+                return lines[0].end
             span = lines[0].end - lines[0].start
             return lines[0].start + round(PAST_MIDDLE * span) if at_s is None else round(at_s * 1e9)
         time.sleep(0.05)
