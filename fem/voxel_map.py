@@ -128,6 +128,18 @@ def tube_positions(angle: Array, z: Array, radii: Array) -> Array:
     return out
 
 
+def palette(made: VoxelMap) -> list[tuple[int, int, int]]:
+    """Return a colour for each part, pale for soft to dark for stiff; rigid ones blue. All differ, none is black."""
+    shore = {name: row["shore_a"].si for name, row in table("5.1").rows.items()}
+    order = sorted((part for part in made.parts if part in shore), key=lambda part: shore[part])
+    soft, stiff = np.array([245.0, 222.0, 179.0]), np.array([90.0, 20.0, 30.0])
+    shades = [soft + (stiff - soft) * k / max(len(order) - 1, 1) for k in range(len(order))]
+    colours = {part: (int(r), int(g), int(b)) for part, (r, g, b) in zip(order, shades, strict=True)}
+    rigid = [part for part in made.parts if part not in shore]
+    colours |= {part: (60, 110 + 25 * k, 190) for k, part in enumerate(rigid)}
+    return [colours[part] for part in made.parts]
+
+
 def load_map(name: str | Path) -> VoxelMap:
     """Return a shipped map by name, or one from a .toml file. Raises BadInput naming file, key, row and letter."""
     path = find_toml(name, FOLDER, "map")
