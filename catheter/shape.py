@@ -38,19 +38,21 @@ def distance(volume: Array, s: Array, b: Array) -> Array:
     """Return the h with moment(h, s, b) = volume, from 0 up to the fold at h = s / b: a cubic in closed form.
 
     With x = b h / s it reads 3 x^2 - 2 x^3 = t^2, t = b sqrt(6 volume / s^3), solved by sines of a
-    third of an angle, written so that nothing cancels at small t. NaN past the fold, t > 1.
-    Real or complex (for derivatives).
+    third of an angle, and where that would cancel, |t| < 0.1, by Newton for x / t. NaN past the
+    fold, t > 1. Real or complex (for derivatives).
     """
     reach = np.sqrt(6 * volume / s)
     t = b / s * reach
-    safe = np.where(np.abs(t) > 1e-30, t, 1e-30)
-    with np.errstate(invalid="ignore"):
-        bent = np.arcsin(np.where(np.real(t) < -1, 0.5, safe)) * 2  # also right for -1 <= t < 0
-        x = np.sin(bent / 6) ** 2 + np.sqrt(0.75) * np.sin(bent / 3)
-        away = np.arccosh(np.where(np.real(t) < -1, -safe, 1.5)) * 2
-        x = np.where(np.real(t) < -1, 0.5 - np.cosh(away / 3), x)
-    found = reach * x / safe
-    return np.where(np.real(t) > 1, np.nan, found)
+    size = np.real(t)
+    away = np.where(np.abs(size) < 0.1, 0.5, np.where(size > 1, np.nan, t))  # where the angle's formula is used
+    angle = 2 * np.arcsin(np.where(size < -1, 0.5, away))
+    x = np.sin(angle / 6) ** 2 + np.sqrt(0.75) * np.sin(angle / 3)
+    x = np.where(size < -1, 0.5 - np.cosh(2 * np.arccosh(np.where(size < -1, -t, 1.5)) / 3), x)
+    small = np.where(np.abs(size) < 0.1, t, 0)
+    ratio = np.sqrt(1 / 3) + small / 9
+    for _ in range(3):  # from 6e-4 off to 1e-7, 1e-14, 1e-28
+        ratio = ratio - (3 * ratio**2 - 2 * small * ratio**3 - 1) / (6 * ratio - 6 * small * ratio**2)
+    return np.asarray(reach * np.where(np.abs(size) < 0.1, ratio, x / away))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,7 +120,10 @@ def write_slices(
 
     layers = Layers(made, resolution)
     colours = np.array([(0, 0, 0), *palette(made)], dtype=np.uint8)[:, ::-1]  # cv2 has blue first
-    pictures = {row: cv2.imencode(".png", colours[layers.numbers(row) + 1])[1] for row in np.unique(layers.rows)}
+    pictures = {
+        row: cv2.imencode(".png", colours[layers.numbers(row) + 1])[1].tobytes() for row in np.unique(layers.rows)
+    }
+    counted: dict[bytes, NDArray[np.int64]] = {}  # layers of one ring are the same file many times
     count = np.zeros((made.voxels.shape[1], len(made.parts), len(made.voxels)), dtype=np.int64)
     try:
         folder.mkdir(exist_ok=True)
@@ -128,9 +132,13 @@ def write_slices(
     for number, row in enumerate(layers.rows.tolist()):
         path = folder / f"layer_{number:05d}.png"
         with fresh(path, force) as temporary:
-            temporary.write_bytes(pictures[row].tobytes())
+            temporary.write_bytes(pictures[row])
         if 0 <= row < len(count):
-            count[row] += _counted(cv2.imread(str(path)), layers, colours)
+            content = path.read_bytes()
+            if content not in counted:
+                picture = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_COLOR)
+                counted[content] = _counted(picture, layers, colours)
+            count[row] += counted[content]
         progress((number + 1) / len(layers.rows))
     return Sliced(
         folder=folder,
@@ -141,7 +149,7 @@ def write_slices(
     )
 
 
-def _counted(picture: Picture, layers: Layers, colours: Picture) -> NDArray[np.int64]:
+def _counted(picture: Any, layers: Layers, colours: Picture) -> NDArray[np.int64]:
     """Return the pixels of each material in each voxel of a ring (parts, around)."""
     code = picture[layers.wall].astype(np.int64) @ [1, 256, 65536]
     known = colours[1:].astype(np.int64) @ [1, 256, 65536]
