@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from catheter.curve import Curve, Piecewise, line
+from catheter.polyline import crossing, repaired
 from catheter.vessel_files import Points, read_points
 from data.errors import BadInput, nearest
 from data.options import option
@@ -17,7 +18,6 @@ ORDER = 5  # of the polynomial (thesis eq. 4.1)
 WORST = 0.05  # of the local radius: a polynomial that is farther off gives way to the spline
 LEAST, MOST = 0.8e-3, 10e-3  # m, radii of vessels that a catheter enters, by which units are told apart
 SCALES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-MOST_SORTED = 3000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +109,7 @@ def fitted(xyz: Array, radius: Array, *, fit: str = "auto", place: str = "centre
     Repeated points are dropped and points out of order sorted, and both are said. Raises BadInput.
     """
     _check_numbers(xyz, radius, place)
-    points, radii, notes = _repaired(xyz, radius, place)
+    points, radii, notes = repaired(xyz, radius, place)
     w = _arc_length(points)
     spline, spline_radius = _spline(w, points), _spline(w, radii)
     polynomial, polynomial_radius = _polynomial(w, points), _polynomial(w, radii)
@@ -138,49 +138,6 @@ def _check_numbers(xyz: Array, radius: Array, place: str) -> None:
         k = int(np.argmax(bad))
         found = f"is {np.array2string(xyz[k])}, radius {radius[k]:g}"
         raise BadInput(f"{place}, point {k}", found, "expected finite numbers and a radius over 0")
-
-
-def _repaired(xyz: Array, radius: Array, place: str) -> tuple[Array, Array, list[str]]:
-    notes = []
-    kept = np.append(True, np.linalg.norm(np.diff(xyz, axis=0), axis=1) > 1e-9 * np.ptp(xyz, axis=0).max(initial=0.0))
-    if not kept.all():
-        notes.append(f"{int((~kept).sum())} repeated point(s) dropped.")
-    xyz, radius = xyz[kept], radius[kept]
-    if len(xyz) < 4:
-        raise BadInput(place, f"has {len(xyz)} different points", "a smooth centreline needs 4")
-    if not _in_order(xyz):
-        order = _path_through(xyz)
-        if order is None or not _in_order(xyz[order]):
-            found = "has points out of order that follow no single line"
-            raise BadInput(place, found, "order them along the vessel, one branch, and sample it evenly")
-        if np.argmin(np.abs(order)) > len(order) / 2:  # begin at the end nearer to the first point given
-            order = order[::-1]
-        xyz, radius = xyz[order], radius[order]
-        notes.append("The points were out of order: sorted along the line.")
-    return xyz, radius, notes
-
-
-def _in_order(xyz: Array) -> bool:
-    """Return whether no step turns back."""
-    steps = np.diff(xyz, axis=0)
-    return bool(((steps[1:] * steps[:-1]).sum(axis=1) > 0).all())
-
-
-def _path_through(xyz: Array) -> "Array | None":
-    """Return the order of points along their minimum spanning tree, None where it branches."""
-    from scipy.sparse.csgraph import depth_first_order, minimum_spanning_tree
-    from scipy.spatial.distance import cdist
-
-    if len(xyz) > MOST_SORTED:
-        return None
-    distance = cdist(xyz, xyz)
-    if (distance + np.eye(len(xyz)) == 0).any():  # a point visited twice would be no edge of the tree
-        return None
-    tree = minimum_spanning_tree(distance)
-    neighbours = np.bincount(np.concatenate(tree.nonzero()), minlength=len(xyz))
-    if neighbours.max() > 2:
-        return None
-    return np.asarray(depth_first_order(tree, int(np.argmin(neighbours)), directed=False)[0])
 
 
 def _arc_length(xyz: Array) -> Array:
@@ -234,20 +191,6 @@ def _check_curve(centre: Any, profile: Any, length: float, place: str) -> None:
         found = f"crosses itself: w = {1e3 * w[a]:.4g} and {1e3 * w[b]:.4g} mm are"
         apart = float(np.linalg.norm(xyz[a] - xyz[b]))
         raise BadInput(place, f"{found} {1e3 * apart:.3g} mm apart, the radii {1e3 * radius[[a, b]].sum():.3g} mm")
-
-
-def crossing(xyz: Array, w: Array, radius: Array) -> tuple[int, int] | None:
-    """Return two stations of a tube whose walls overlap though they are no neighbours, the nearest pair, or None.
-
-    Neighbours are those within half a circle of their radii along the line: as near as a tube may bend.
-    """
-    from scipy.spatial.distance import cdist
-
-    sums = radius[:, None] + radius
-    room = cdist(xyz, xyz) - sums
-    room[np.abs(w[:, None] - w) <= np.pi / 2 * sums * (1 + 1e-3)] = np.inf
-    at = np.unravel_index(int(np.argmin(room)), room.shape)
-    return (int(at[0]), int(at[1])) if room[at] < 0 else None
 
 
 def _part(vessel: Vessel, source: Source, place: str) -> Vessel:

@@ -33,7 +33,7 @@ class Piecewise:
 
     def __call__(self, w: Array, order: int) -> Array:
         """Return the derivatives."""
-        return np.stack([self.pieces(w + self.start, k) for k in range(order + 1)])
+        return np.asarray(np.stack([self.pieces(w + self.start, k) for k in range(order + 1)]))
 
 
 def line(origin: Array, direction: Array) -> Piecewise:
@@ -72,7 +72,7 @@ class Offset:
         along = Along(self.base(w, 4), self.normals(w))
         frame = np.stack([along.normal, along.binormal, along.tangent], axis=2)  # (4, n, 3 of xyz, 3)
         moved = product(self.offsets(w)[..., None], frame).sum(axis=2)
-        return along.curve[: order + 1] + moved[: order + 1]
+        return np.asarray(along.curve[: order + 1] + moved[: order + 1])
 
 
 def product(a: Array, b: Array) -> Array:

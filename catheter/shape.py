@@ -18,41 +18,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from catheter.curve import Along, Blend, Curve
+from catheter.equal_volume import Number, distance, moment, smallest_bend
 from catheter.frames import rotation_minimising
 from data.errors import BadInput
 from data.signal import Array
 
-Complex = NDArray[np.complex128]
 STEP = 1e-100  # of complex-step derivatives: no difference is taken, so it may be as small as a float
-
-
-def moment(h: Array, s: Array, b: Array) -> Array:
-    """Return the integral of h (s - h b) dh from 0 [m^2 per unit speed]."""
-    return h * h * (s / 2 - b * h / 3)
-
-
-def distance(volume: Array, s: Array, b: Array) -> Array:
-    """Return the h with moment(h, s, b) = volume, from 0 up to the fold at h = s / b: a cubic in closed form.
-
-    With x = b h / s it reads 3 x^2 - 2 x^3 = t^2, t = b sqrt(6 volume / s^3), solved by sines of a
-    third of an angle, and where that would cancel, |t| < 0.1, by Newton for x / t. NaN past the
-    fold, t > 1. Real or complex (for derivatives).
-    """
-    reach = np.sqrt(6 * volume / s)
-    t = b / s * reach
-    size = np.real(t)
-    away = np.where(np.abs(size) < 0.1, 0.5, np.where(size > 1, np.nan, t))  # where the angle's formula is used
-    angle = 2 * np.arcsin(np.where(size < -1, 0.5, away))
-    x = np.sin(angle / 6) ** 2 + np.sqrt(0.75) * np.sin(angle / 3)
-    x = np.where(size < -1, 0.5 - np.cosh(2 * np.arccosh(np.where(size < -1, -t, 1.5)) / 3), x)
-    small = np.where(np.abs(size) < 0.1, t, 0)
-    ratio = np.sqrt(1 / 3) + small / 9
-    for _ in range(3):  # from 6e-4 off to 1e-7, 1e-14, 1e-28
-        ratio = ratio - (3 * ratio**2 - 2 * small * ratio**3 - 1) / (6 * ratio - 6 * small * ratio**2)
-    return np.asarray(reach * np.where(np.abs(size) < 0.1, ratio, x / away))
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,11 +155,11 @@ class Wall:
         zero = np.zeros((len(self.v), len(self.w)))
         if not np.isfinite(ways[0]).all():
             raise BadInput("balloon", "leaves no bore in the wall", "a larger fit, or a thinner wall")
-        return Slopes(ways[0] + zero, *(np.imag(way) / STEP + zero for way in ways[1:]))
+        return Slopes(np.real(ways[0]) + zero, *(np.imag(way) / STEP + zero for way in ways[1:]))
 
     @cached_property
-    def _parts(self) -> list[Slopes]:
-        """Return s0, b0, s, b and 1 + dgamma/dv, what the cubic is made of beside where it starts."""
+    def parts(self) -> list[Slopes]:
+        """s0, b0, s, b and 1 + dgamma/dv: what the cubic is made of, beside where it starts."""
         v = self.v[:, None] + 0 * self.w
         plain = Slopes(v, np.ones_like(v), np.zeros_like(v))
         slope, q = self._shear.slope, self.q
@@ -194,12 +167,12 @@ class Wall:
         bends = self.rest.bending(plain), self.centre.bending(self.angle)
         return [self.rest.speed, bends[0], self.centre.speed, bends[1], stretch]
 
-    def _outward(self, u: "Array | Complex", way: int, start: Slopes, sign: float = 1.0) -> "Array | Complex":
+    def _outward(self, u: Number, way: int, start: Slopes, sign: float = 1.0) -> Number:
         """Return the distance at which the wall from inner to u has its volume, seen from `start`.
 
         sign -1: inwards of start. way 1 or 2 carries a complex step along v or w, 0 none.
         """
-        ways = [(p.value, p.by_v, p.by_w) for p in (*self._parts, start)]
+        ways = [(p.value, p.by_v, p.by_w) for p in (*self.parts, start)]
         s0, b0, s, b, stretch, begin = ((x[0] + 1j * STEP * x[way] if way else x[0])[..., None] for x in ways)
         rest = moment(u, s0, b0) - moment(np.asarray(self.shape.inner), s0, b0)
         return distance(moment(begin, s, b) + sign * rest / stretch, s, b)
@@ -240,7 +213,7 @@ class Wall:
         here = Slopes(turned, np.zeros_like(turned), np.zeros_like(turned))
         p1, p2 = (p[0][:, None] for p in self.centre.along.bends)
         along = self.centre.along.speed[0][:, None] - self.h * (p1 * np.cos(here.value) + p2 * np.sin(here.value))
-        s0, b0 = (p.value[..., None] for p in self._parts[:2])
+        s0, b0 = (p.value[..., None] for p in self.parts[:2])
         around, rest = self.u, s0 - self.u * b0
         F = np.zeros((*self.h.shape, 3, 3))
         F[..., 0, 0], F[..., 1, 0] = by_u, self.h * self.q * self._shear.through
@@ -252,7 +225,7 @@ class Wall:
     @property
     def volume_ratio(self) -> Array:
         """det F (V, W, U)."""
-        return np.linalg.det(self.gradient)
+        return np.asarray(np.linalg.det(self.gradient))
 
     @property
     def strain(self) -> Array:
@@ -262,13 +235,15 @@ class Wall:
 
     def _refuse_folds(self) -> None:
         outer = np.array([self.shape.outer])
-        s0, b0, s, b, stretch, bore = (p.value for p in (*self._parts, self.bore))
-        rest = (moment(outer, s0, b0) - moment(np.asarray(self.shape.inner), s0, b0)) / np.where(stretch > 0, stretch, 1)
-        least = _smallest(bore, rest / s)
+        s0, b0, s, b, stretch, bore = (p.value for p in (*self.parts, self.bore))
+        rest = (moment(outer, s0, b0) - moment(np.asarray(self.shape.inner), s0, b0)) / np.where(
+            stretch > 0, stretch, 1
+        )
+        least = smallest_bend(bore, rest / s)
         tests = (
             ("the shear turns faster than the angle around", stretch + 0 * b, None),
             ("the bore has no width", bore + 0 * b, None),
-            ("the initial shape folds", s0 - outer * b0, _smallest(outer, 0 * s0) + 0 * b0),
+            ("the initial shape folds", s0 - outer * b0, smallest_bend(outer, 0 * s0) + 0 * b0),
             ("the shape folds", 1 - b / s * least, least),
         )
         for what, room, allowed in tests:
@@ -282,12 +257,3 @@ class Wall:
             radius = float((speed / bend)[i, j])
             found = f"{what}: its bend radius is {1e3 * radius:.4g} mm there"
             raise BadInput(place, found, f"the smallest allowed is {1e3 * float(allowed[i, j]):.4g} mm for this wall")
-
-
-def _smallest(bore: Array, area: Array) -> Array:
-    """Return the bend radius at which the outer wall just folds: the h = R that solves the cubic at its fold.
-
-    R^3 / 6 = bore^2 (R / 2 - bore / 3) + area R, its largest root; area: of the wall per unit angle [m^2].
-    """
-    size = np.sqrt(np.maximum(bore**2 + 2 * area, 1e-300))
-    return np.asarray(2 * size * np.cos(np.arccos(np.clip(-((bore / size) ** 3), -1, 1)) / 3))

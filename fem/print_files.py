@@ -107,8 +107,8 @@ def _unrounded(solid: Solid) -> float:
     quads += [(low[k], low[(k + 1) % 4], high[(k + 1) % 4], high[k]) for k in range(4)]
     middle = sum(low[1:], low[0]) / 8 + sum(high[1:], high[0]) / 8
     total = np.zeros(solid.cells.shape)
-    for w, x, y, z in quads:  # two triangles each, seen from the cell's middle
-        w, x, y, z = w - middle, x - middle, y - middle, z - middle
+    for quad in quads:  # two triangles each, seen from the cell's middle
+        w, x, y, z = (corner - middle for corner in quad)
         total += ((w * np.cross(x, y)).sum(axis=-1) + (w * np.cross(y, z)).sum(axis=-1)) / 6
     return float(total[solid.cells >= 0].sum())
 
@@ -119,7 +119,7 @@ def write_stl(surface: Surface, path: Path, *, force: bool = False) -> None:
 
     mesh = trimesh.Trimesh(surface.points, surface.triangles, process=False)
     with fresh(path, force) as temporary:
-        temporary.write_bytes(mesh.export(file_type="stl"))
+        mesh.export(temporary, file_type="stl")
 
 
 def read_stl(path: Path) -> Any:
@@ -153,9 +153,7 @@ def _checked(made: VoxelMap, part: str, path: Path, mesh: Any, surface: Surface)
     return written
 
 
-def _write_and_check_3mf(
-    made: VoxelMap, path: Path, surfaces: list[Surface], *, force: bool = False
-) -> list[Written]:
+def _write_and_check_3mf(made: VoxelMap, path: Path, surfaces: list[Surface], *, force: bool = False) -> list[Written]:
     write_3mf(made, path, surfaces, force=force)
     found = read_3mf(path)
     if list(found) != list(made.parts):

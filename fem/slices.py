@@ -53,15 +53,15 @@ class Layers:
     def heights(self) -> NDArray[np.float64]:
         """The middle of each layer over the base ring [m], from the lower cap up."""
         total = self.made.sizes.length + 2 * self.made.sizes.cap
-        return (np.arange(max(1, round(total / self.resolution.layer))) + 0.5) * self.resolution.layer - (
-            self.made.sizes.cap
-        )
+        count = max(1, round(total / self.resolution.layer))
+        return np.asarray((np.arange(count) + 0.5) * self.resolution.layer - self.made.sizes.cap, dtype=np.float64)
 
     @cached_property
     def rows(self) -> NDArray[np.int64]:
         """The ring of voxels each layer lies in: -1 the lower cap, the number of rings the upper one."""
         along = self.made.voxels.shape[1]
-        return np.clip(np.floor(self.heights / self.made.sizes.length * along), *self._span).astype(np.int64)
+        row = np.floor(self.heights / self.made.sizes.length * along).astype(np.int64)
+        return np.asarray(np.clip(row, *self._span))
 
     @property
     def _span(self) -> tuple[int, int]:
@@ -162,6 +162,6 @@ def _compared(made: VoxelMap, folder: Path, count: NDArray[np.int64]) -> dict[st
     wanted = np.array([made.parts.index(name) if name in made.parts else -1 for name in made.materials])[made.voxels]
     if (count.sum(axis=1) == 0).any():
         raise CatheterError(f"{folder}: some voxel has no pixel of its own; ask for smaller pixels or layers")
-    if (np.count_nonzero(count, axis=1) != 1).any() or (count.argmax(axis=1).T != wanted).any():
+    if (np.count_nonzero(count, axis=1) != 1).any() or (wanted != count.argmax(axis=1).T).any():
         raise CatheterError(f"{folder}: the layers read back as another map; this is a fault of the writer")
     return {part: int((count.argmax(axis=1) == k).sum()) for k, part in enumerate(made.parts)}

@@ -97,7 +97,7 @@ class Solid:
     @cached_property
     def points(self) -> Array:
         """All corners (n, 3): first those of the lattice, then the second one of every opened edge."""
-        u, v, w, _ = self.positions.shape
+        w = self.positions.shape[2]
         where = np.argwhere(self.opened > 0)
         corners = self.positions.copy()
         second = np.empty((len(where), w, 3))
@@ -134,7 +134,7 @@ class Solid:
         triangles = []
         for layer in range(self.cells.shape[2]):
             own = mine[:, :, layer]
-            padded = _padded(own[..., None], fill=False)[..., 0]
+            padded = np.pad(own, ((0, 0), (1, 1)))
             for side, (di, dj) in enumerate(_SIDES):
                 behind = np.roll(padded, -di, axis=0)[:, 1 + dj : padded.shape[1] - 1 + dj]
                 shown = own & ~behind
@@ -148,8 +148,8 @@ class Solid:
         return Surface(self.points, np.vstack(triangles))
 
 
-def _padded(cells: NDArray[np.generic], fill: int = EMPTY) -> Numbers:
-    return np.asarray(np.pad(cells, ((0, 0), (1, 1), (0, 0)), constant_values=fill))
+def _padded(cells: Numbers) -> Numbers:
+    return np.pad(cells, ((0, 0), (1, 1), (0, 0)), constant_values=EMPTY)
 
 
 def _refuse_diagonal(a: Numbers, b: Numbers, c: Numbers, d: Numbers) -> None:

@@ -1,17 +1,17 @@
 """A printable tube as a file: its sizes, its materials, and which voxel is which.
 
-    title = "a wrap"
-    length = "32 mm"            # of the tube, without its caps
-    outer_radius = "5 mm"
-    wall = "1 mm"
-    cap = "2 mm"                # a disc beyond each end, 0 for none
-    hole = "4.04 mm"            # through each cap
-    cap_material = "Vero"
-    rows = ["aab...", ...]      # one text for each ring of voxels from the base; letters anticlockwise from x
+title = "a wrap"
+length = "32 mm"            # of the tube, without its caps
+outer_radius = "5 mm"
+wall = "1 mm"
+cap = "2 mm"                # a disc beyond each end, 0 for none
+hole = "4.04 mm"            # through each cap
+cap_material = "Vero"
+rows = ["aab...", ...]      # one text for each ring of voxels from the base; letters anticlockwise from x
 
-    [materials]
-    a = "Agilus30"              # thesis Table 5.1, or a rigid Vero
-    b = "FLX9785"
+[materials]
+a = "Agilus30"              # thesis Table 5.1, or a rigid Vero
+b = "FLX9785"
 """
 
 import string
@@ -81,7 +81,9 @@ class VoxelMap:
             raise BadInput(f"map {self.title!r}, wall", f"is {s.wall:g} m", f"expected less than {s.outer_radius:g} m")
         room = s.outer_radius - s.wall
         if s.cap and not s.hole / 2 / np.cos(np.pi / counts[0]) < room:
-            raise BadInput(f"map {self.title!r}, hole", f"is {s.hole:g} m", f"expected less than the bore, {2 * room:g} m")
+            raise BadInput(
+                f"map {self.title!r}, hole", f"is {s.hole:g} m", f"expected less than the bore, {2 * room:g} m"
+            )
         known = [*table("5.1").rows, *RIGID]
         for name in self.parts:
             if name not in known:

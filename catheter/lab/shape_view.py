@@ -9,9 +9,10 @@ from catheter.centreline import Vessel, load
 from catheter.frames import frenet, rotation_minimising, total_twist
 from catheter.lab.outcome import Outcome, table
 from catheter.lab.scene import Scene
+from catheter.motions import Actuator, Motions, build
 from catheter.occlusion import Occlusion, occlusion
 from catheter.shape import Shape
-from catheter.target import Actuator, Motions, build, query, stretches
+from catheter.target import query, stretches
 from data.errors import BadInput
 from data.signal import Array
 

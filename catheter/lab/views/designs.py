@@ -90,7 +90,7 @@ def write(name: str, path: Path, log: Callable[[rr.RecordingStream], None]) -> N
         log(stream)
         path.write_bytes(written.read() or b"")
     except OSError as error:
-        raise cannotwrite(path, error) from error
+        raise cannot_write(path, error) from error
     finally:
         stream.disconnect()
 

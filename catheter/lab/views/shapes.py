@@ -11,7 +11,8 @@ from catheter.curve import Along
 from catheter.frames import rotation_minimising
 from catheter.lab.views.designs import PANELS, write
 from catheter.lab.views.labels import MARK
-from catheter.target import Query, coarse_wall, query
+from catheter.motions import coarse_wall
+from catheter.target import Query, query
 from data.signal import Array
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def save_shape(found: "Shaped", voxel: tuple[int, int] | None, path: Path) -> No
                 _log_voxel(stream, asked)
                 stream.log("/voxel", rr.TextDocument(_text(asked), media_type=rr.MediaType.MARKDOWN))
         word = "simulated" if found.vessel.simulated else "computed"
-        views: list[rrb.View] = [rrb.Spatial3DView(name=f"{word} {found.title}, mm, over q", origin="/shape")]
+        views: list[rrb.View | rrb.Container] = [rrb.Spatial3DView(name=f"{word} {found.title}, mm, over q", origin="/shape")]
         if voxel is not None:
             zoom = rrb.Spatial3DView(name=f"{word} voxel {voxel[0]}, {voxel[1]}, mm", origin="/shape/voxel")
             views.append(rrb.Vertical(zoom, rrb.TextDocumentView(name=f"{word} deformation", origin="/voxel")))
@@ -72,7 +73,7 @@ def _log_actuator(stream: rr.RecordingStream, found: "Shaped", q: float) -> None
     stream.log("/shape/lines", rr.LineStrips3D(lines, colors=[LINES], radii=MM * size / 120))
     stream.log("/shape/centreline", rr.LineStrips3D([MM * along.curve[0]], colors=[MARK], radii=MM * size / 40))
     every = slice(None, None, ALONG // 12)
-    for axis, name, colour in zip((along.normal, along.binormal, along.tangent), "N1 N2 T".split(), AXES, strict=True):
+    for axis, name, colour in zip((along.normal, along.binormal, along.tangent), ["N1", "N2", "T"], AXES, strict=True):
         origins = MM * along.curve[0][every]
         arrows = rr.Arrows3D(
             origins=origins, vectors=1.5 * MM * size * axis[0][every], colors=[colour], radii=MM * size / 50
@@ -109,11 +110,13 @@ def _log_voxel(stream: rr.RecordingStream, asked: Query) -> None:
 def _text(asked: Query) -> str:
     return (
         f"**Voxel {asked.voxel[0]}, {asked.voxel[1]} at q = {asked.q:.2f}**: its middle\n\nF\n\n"
-        f"{_grid(asked.gradient)}\n\nLagrangian strain\n\n{_grid(asked.strain)}\n\ndet F - 1 = {asked.volume_ratio - 1:.1e}\n\n"
-        f"largest stretch {asked.stretch:.4f}\n\nr outwards, v around, w along"
+        f"{_grid(asked.gradient)}\n\nLagrangian strain\n\n{_grid(asked.strain)}\n\n"
+        f"det F - 1 = {asked.volume_ratio - 1:.1e}\n\nlargest stretch {asked.stretch:.4f}\n\nr outwards, v around, w along"
     )
 
 
 def _grid(matrix: Array) -> str:
-    rows = [f"| {name} | " + " | ".join(f"{x:.5f}" for x in row) + " |" for name, row in zip("rvw", matrix, strict=True)]
+    rows = [
+        f"| {name} | " + " | ".join(f"{x:.5f}" for x in row) + " |" for name, row in zip("rvw", matrix, strict=True)
+    ]
     return "\n".join(["| | r | v | w |", "|---|---|---|---|", *rows])
