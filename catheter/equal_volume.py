@@ -20,9 +20,9 @@ def distance(volume: Number, s: Number, b: Number) -> Number:
 
     With x = b h / s it reads 3 x^2 - 2 x^3 = t^2, t = b sqrt(6 volume / s^3), solved by sines of a
     third of an angle, and where that would cancel, |t| < 0.1, by Newton for x / t. NaN past the
-    fold, t > 1. Real or complex (for derivatives).
+    fold, t > 1, and for a negative volume. Real or complex (for derivatives).
     """
-    reach = np.sqrt(6 * volume / s)
+    reach = np.sqrt(6 * np.where(np.real(volume) >= 0, volume, np.nan) / s)
     t = b / s * reach
     size = np.real(t)
     away = np.where(np.abs(size) < 0.1, 0.5, np.where(size > 1, np.nan, t))  # where the angle's formula is used
@@ -33,7 +33,8 @@ def distance(volume: Number, s: Number, b: Number) -> Number:
     ratio = np.sqrt(1 / 3) + small / 9
     for _ in range(3):  # from 6e-4 off to 1e-7, 1e-14, 1e-28
         ratio = ratio - (3 * ratio**2 - 2 * small * ratio**3 - 1) / (6 * ratio - 6 * small * ratio**2)
-    return np.asarray(reach * np.where(np.abs(size) < 0.1, ratio, x / away))
+    with np.errstate(invalid="ignore"):  # where there is no answer, NaN says so
+        return np.asarray(reach * np.where(np.abs(size) < 0.1, ratio, x / away))
 
 
 def smallest_bend(bore: Array, area: Array) -> Array:

@@ -41,7 +41,7 @@ def frenet(curve: Curve, w: Array) -> Frames:
     straight = curvature * span <= STRAIGHT
     if straight.any():
         at = float(w[np.argmax(straight)])
-        raise BadInput("Frenet frame", f"is undefined at w = {1e3 * at:.6g} mm: the curve is straight there", _REMEDY)
+        raise BadInput("Frenet frame", f"is undefined at w = {1e3 * at:.6g} mm: the curve does not bend there", _REMEDY)
     tangent, binormal = d1 / speed[:, None], across / size[:, None]
     flips = (binormal[1:] * binormal[:-1]).sum(axis=-1) < 0
     if flips.any():

@@ -92,12 +92,12 @@ def write_prints(
         stl=tuple(stl),
         mf=tuple(mf),
         closure=sum(w.volume for w in stl) / whole - 1,
-        rounded=whole / _unrounded(solid) - 1,
+        rounded=whole / unrounded(solid) - 1,
         edges=int((solid.opened > 0).sum()),
     )
 
 
-def _unrounded(solid: Solid) -> float:
+def unrounded(solid: Solid) -> float:
     """Return the volume of a solid's cells before rounding, each cell from its own eight corners."""
     p = solid.positions
     q = np.roll(p, -1, axis=0)
