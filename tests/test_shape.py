@@ -37,7 +37,13 @@ def test_the_cubic_is_solved_to_rounding_over_its_whole_range() -> None:
     draw = np.random.default_rng(0)
     s = draw.uniform(0.5, 2, 4000)
     h = draw.uniform(0.01, 3, 4000)
-    b = s / h * np.concatenate([draw.uniform(-40, 0.999, 3000), draw.choice([-1, 1], 1000) * 10 ** draw.uniform(-17, -1, 1000)])
+    b = (
+        s
+        / h
+        * np.concatenate(
+            [draw.uniform(-40, 0.999, 3000), draw.choice([-1, 1], 1000) * 10 ** draw.uniform(-17, -1, 1000)]
+        )
+    )
     # near the fold the volume no longer depends on h: half the digits of the last thousandth are lost
     assert np.abs(distance(moment(h, s, b), s, b) / h - 1).max() < 1e-12 / (1 - 0.999)
     assert distance(h**2 / 2, np.ones(4000), 0 * h) == pytest.approx(h, rel=1e-15)

@@ -1,9 +1,11 @@
 """The study of shapes: frames on curves with known answers, and how well the wall keeps its volume."""
 
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -13,6 +15,9 @@ from catheter.lab.report import Progress, Report, Row, measure
 from catheter.lab.shape_view import QS, Shaped, shaped, volume_error
 from data.errors import CatheterError
 from data.signal import Array
+from fem.print_files import write_prints
+from fem.slices import Resolution, write_slices
+from fem.voxel_map import Sizes, VoxelMap
 
 
 @dataclass(frozen=True)
@@ -81,11 +86,13 @@ def shape(*, quick: bool, progress: Progress) -> Report:
         progress(0.6 * (done + 1) / len(counts))
     rows += _volume_rows(shaped("renal_spiral"))
     progress(0.8)
+    rows += _print_rows((32, 64) if quick else (32, 64, 128))
+    progress(1.0)
     return Report(
         name="shape",
-        title="Frames along curves and volume of a wall: error against run time",
-        level="stations or q",
-        error="error of N1 [rad], |det F - 1|",
+        title="Frames along curves, volume of a wall, files for a printer: error against run time",
+        level="stations, q, voxels",
+        error="error of N1 [rad], |det F - 1|, volume",
         rows=rows,
         notes=[*_order_notes(rows), *_twist_notes(), *_gradient_notes()],
     )
@@ -150,6 +157,35 @@ def _volume_rows(found: Shaped) -> list[Row]:
             )
         )
     return rows
+
+
+def _print_rows(counts: tuple[int, ...]) -> list[Row]:
+    """Write random maps of three materials, each file read back; the error is of the sum of their volumes."""
+    rows = []
+    for count in counts:
+        voxels = np.random.default_rng(0).integers(0, 3, (count, count))
+        made = VoxelMap(title="random", sizes=Sizes(), materials=("Agilus30", "FLX9740", "FLX9785"), voxels=voxels)
+        for name, write in (("STL and 3MF", _prints), ("1,333 slices", _slices)):
+            with tempfile.TemporaryDirectory() as folder:
+                started = time.perf_counter()
+                try:
+                    error, failed = write(made, Path(folder)), ""
+                except CatheterError as refused:
+                    error, failed = np.nan, f"failed: {refused}"[:200]
+                spent = time.perf_counter() - started
+            rows.append(Row(method=name, level=f"{count} x {count}", error=error, seconds=spent, failed=failed))
+    return rows
+
+
+def _prints(made: VoxelMap, folder: Path) -> float:
+    return abs(write_prints(made, folder, "map").closure)
+
+
+def _slices(made: VoxelMap, folder: Path) -> float:
+    """Return the share of voxels that the layers show as another material."""
+    found = write_slices(made, folder / "slices", Resolution())
+    wanted = np.bincount(made.voxels.ravel(), minlength=len(made.materials))
+    return float(sum(abs(found.voxels[m] - n) for m, n in zip(made.materials, wanted, strict=True)) / wanted.sum())
 
 
 def linear_wall_error(found: Shaped, q: float) -> Array:

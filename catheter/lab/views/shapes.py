@@ -43,7 +43,9 @@ def save_shape(found: "Shaped", voxel: tuple[int, int] | None, path: Path) -> No
                 _log_voxel(stream, asked)
                 stream.log("/voxel", rr.TextDocument(_text(asked), media_type=rr.MediaType.MARKDOWN))
         word = "simulated" if found.vessel.simulated else "computed"
-        views: list[rrb.View | rrb.Container] = [rrb.Spatial3DView(name=f"{word} {found.title}, mm, over q", origin="/shape")]
+        views: list[rrb.View | rrb.Container] = [
+            rrb.Spatial3DView(name=f"{word} {found.title}, mm, over q", origin="/shape")
+        ]
         if voxel is not None:
             zoom = rrb.Spatial3DView(name=f"{word} voxel {voxel[0]}, {voxel[1]}, mm", origin="/shape/voxel")
             views.append(rrb.Vertical(zoom, rrb.TextDocumentView(name=f"{word} deformation", origin="/voxel")))
@@ -111,7 +113,8 @@ def _text(asked: Query) -> str:
     return (
         f"**Voxel {asked.voxel[0]}, {asked.voxel[1]} at q = {asked.q:.2f}**: its middle\n\nF\n\n"
         f"{_grid(asked.gradient)}\n\nLagrangian strain\n\n{_grid(asked.strain)}\n\n"
-        f"det F - 1 = {asked.volume_ratio - 1:.1e}\n\nlargest stretch {asked.stretch:.4f}\n\nr outwards, v around, w along"
+        f"det F - 1 = {asked.volume_ratio - 1:.1e}\n\nlargest stretch {asked.stretch:.4f}\n\n"
+        "r outwards, v around, w along"
     )
 
 
