@@ -175,8 +175,4 @@ def _fans(outline: Numbers) -> Numbers:
 
 def _from_smallest(outline: Numbers) -> Numbers:
     count = outline.shape[1]
-    # a corner that stands twice stands in a row: begin where its run begins, or fans would differ
-    first = np.argmin(outline, axis=1)
-    before = np.take_along_axis(outline, ((first - 1) % count)[:, None], 1)[:, 0] == outline.min(axis=1)
-    first = np.where(before, first - 1, first)
-    return np.take_along_axis(outline, (first[:, None] + np.arange(count)) % count, axis=1)
+    return np.take_along_axis(outline, (np.argmin(outline, axis=1)[:, None] + np.arange(count)) % count, axis=1)

@@ -46,9 +46,22 @@ def test_frenet_is_refused_where_it_is_not_and_names_w() -> None:
 
 
 def test_stations_a_rounding_apart_do_no_harm() -> None:
-    w = np.sort(np.concatenate([np.linspace(0, HELIX_LENGTH, 65), np.linspace(0, HELIX_LENGTH, 65) * (1 + 4e-16)]))
+    def far(w: np.ndarray, order: int) -> np.ndarray:  # whose points have fewer digits left than its stations
+        return HELIX(w, order) + np.eye(1, order + 1)[0][:, None, None]
+
+    w = np.sort(np.concatenate([np.linspace(0, HELIX_LENGTH, 65), np.linspace(0, HELIX_LENGTH, 65) * (1 + 2e-15)]))
     exact = HELIX.minimising(w)
-    assert np.linalg.norm(double_reflection(HELIX, w, exact[0]).normal - exact, axis=1).max() < 2e-5
+    assert np.linalg.norm(double_reflection(far, w, exact[0]).normal - exact, axis=1).max() < 2e-5
+
+
+def test_parallel_transport_turns_by_the_angle_between_the_tangents_and_about_both() -> None:
+    from scipy.spatial.transform import Rotation
+
+    w = np.array([0.0, HELIX_LENGTH / 5])
+    here, there = frenet(HELIX, w).tangent
+    axis, seed = np.cross(here, there), frenet(HELIX, w).normal[0]
+    turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.arccos(here @ there))
+    assert parallel_transport(HELIX, w, seed).normal[1] == pytest.approx(turn.apply(seed), abs=1e-14)
 
 
 def test_a_closed_plane_curve_closes_and_a_helix_lags_by_its_torsion() -> None:

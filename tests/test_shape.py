@@ -142,7 +142,7 @@ def test_a_balloon_fits_its_vessel_and_a_straight_rod_fills_what_it_must(renal) 
     # a circle of radius 2 at 4 from the middle of one of radius 5 reaches past 97 % of it within this arc
     reach = 4.85
     arc = 2 * np.arccos((4**2 + reach**2 - 2**2) / (2 * 4 * reach))
-    assert aside.contact[-1] == pytest.approx(arc, abs=np.radians(4))
+    assert aside.contact[-1] == pytest.approx(arc, abs=np.radians(1.5))  # sectors of a degree
 
 
 @pytest.mark.parametrize(("nodes", "order"), [("8", 1), ("20", 2)])
