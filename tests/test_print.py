@@ -121,16 +121,23 @@ def test_a_writer_that_errs_is_found_out(tmp_path: Path, monkeypatch) -> None:
     design = made(CHECKERS)
     plain = print_files.read_stl
 
-    def damaged(path: Path):
+    def moved(path: Path):
         content = bytearray(path.read_bytes())
         (x,) = struct.unpack_from("<f", content, 96)
-        struct.pack_into("<f", content, 96, np.nextafter(np.float32(x), np.float32(9)))  # one corner, one step
+        struct.pack_into("<f", content, 96, x * 1.001)
         path.write_bytes(content)
         return plain(path)
 
-    monkeypatch.setattr(print_files, "read_stl", damaged)
-    with pytest.raises(CatheterError, match="reads back open"):
-        write_prints(design, tmp_path, "x")
+    def torn(path: Path):
+        mesh = plain(path)
+        faces = mesh.faces.copy()
+        faces[0, 0] = len(mesh.vertices)
+        return trimesh.Trimesh(np.vstack([mesh.vertices, mesh.vertices[mesh.faces[0, 0]]]), faces, process=False)
+
+    for fault in (moved, torn):
+        monkeypatch.setattr(print_files, "read_stl", fault)
+        with pytest.raises(CatheterError, match="reads back open"):
+            write_prints(design, tmp_path, "x", force=True)
     turned = VoxelMap(title="t", sizes=design.sizes, materials=MATERIALS, voxels=1 - CHECKERS)
     surface = turned.solid().surface([0])
     monkeypatch.setattr(print_files, "read_stl", lambda _: trimesh.Trimesh(surface.points, surface.triangles))
