@@ -187,6 +187,7 @@ def test_maps_round_trip_as_files(tmp_path: Path) -> None:
         ('"aba"', '"ab"', r"rows\[1\]: has 2 voxels; the first has 3"),
         ('"aba"', '"abz"', r"rows\[1\]: has 'z'; \[materials\] has a, b"),
         ("Agilus30", "Agilus31", "did you mean 'Agilus30'"),
+        ("Agilus30", "Dragon Skin 10", "no fit is given"),
         ('"1 mm"', '"6 mm"', "wall: is 0.006 m; expected less than 0.005 m"),
         ('"1 mm"', '"-1 mm"', "wall: is -0.001 m; expected at least"),
         ('hole = "3 mm"', 'hole = "9 mm"', "hole: is 0.009 m; expected less than the bore"),
@@ -232,8 +233,7 @@ def test_print_and_shape_on_the_command_line(tmp_path: Path, capsys) -> None:
     assert cli.run(["print", "twist", "--out", str(out)]) == 2
     assert "not overwritten" in capsys.readouterr().err
     nodes = tmp_path / "t.npz"
-    view = tmp_path / "v.rrd"
-    options = ["--q", "1", "--voxel", "3,7", "--map", "twist7", "--target", str(nodes), "--out", str(view)]
+    options = ["--q", "1", "--voxel", "3,7", "--map", "twist7", "--target", str(nodes)]
     assert cli.run(["shape", "twisting", *options]) == 0
     printed = capsys.readouterr().out
     assert "simulated" in printed

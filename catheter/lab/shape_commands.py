@@ -127,6 +127,7 @@ def print_(options: argparse.Namespace) -> "Outcome":
 
 def _print_outcome(made: "VoxelMap", found: "Printed", sliced: "Sliced | None") -> "Outcome":
     from catheter.lab.outcome import Outcome, table
+    from fem.voxel_map import UNCERTAIN
 
     rows = [
         [w.material, w.path.name, f"{w.triangles:,}", f"{w.volume:.4f}", f"{w.error:.0e}", str(w.voxels)]
@@ -146,6 +147,8 @@ def _print_outcome(made: "VoxelMap", found: "Printed", sliced: "Sliced | None") 
     if made.sizes.cap:
         s = made.sizes
         parts.append(f"Caps: {1e3 * s.cap:g} mm beyond each end, {s.cap_material}, hole {1e3 * s.hole:g} mm.")
+    if loose := [part for part in made.parts if part in UNCERTAIN]:
+        parts.append(f"{', '.join(loose)}: specimens scatter (thesis Fig. 5.4) or no fit is named; expect others.")
     values: dict[str, Any] = {
         "files": [
             {
