@@ -8,6 +8,7 @@ import numpy as np
 from catheter.centreline import Vessel
 from catheter.curve import Curve, Offset, line, product
 from catheter.frames import perpendicular, rotation_minimising
+from catheter.polyline import crossing
 from catheter.shape import Shape, Shear, Slopes, Wall
 from data.errors import BadInput
 from data.options import option
@@ -92,7 +93,7 @@ class Motions:
 
 
 def build(vessel: Vessel, actuator: Actuator, motions: Motions) -> Shape:
-    """Return the shape. Raises BadInput for radii that make no tube, and for a fold at q = 1."""
+    """Return the shape. Raises BadInput for radii that make no tube, and for folds and overlaps at q = 1."""
     inner, outer = actuator.inner_radius, actuator.outer_radius
     if not inner < outer:
         found = f"has radii {1e3 * inner:g} and {1e3 * outer:g} mm"
@@ -117,8 +118,20 @@ def build(vessel: Vessel, actuator: Actuator, motions: Motions) -> Shape:
         lumen_is_outside=motions.balloon.fit > 0,
         seed=seed,
     )
-    coarse_wall(shape, 1.0)
+    refuse_overlap(shape, 1.0)
     return shape
+
+
+def refuse_overlap(shape: Shape, q: float) -> None:
+    """Raise BadInput for a fold at q, and for turns that pass through each other, naming both places."""
+    wall = coarse_wall(shape, q)
+    points, w = wall.centre.along.curve[0], wall.w
+    arc = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    near = crossing(points, arc, wall.h[..., 1].max(axis=0))
+    if near is not None:
+        places = " and ".join(f"{1e3 * w[k]:.4g}" for k in near)
+        found = f"passes through itself at w = {places} mm"
+        raise BadInput(f"the shape at q = {q:g}", found, "fewer turns, a smaller bend, or a thinner actuator")
 
 
 def coarse_wall(shape: Shape, q: float, around: int = 64, along: int = 200) -> Wall:

@@ -254,6 +254,6 @@ class Wall:
             if allowed is None:
                 raise BadInput(place, what, "make the shear's wave or the change of the bore smaller")
             speed, bend = (s0, b0) if what.startswith("the initial") else (s, b)
-            radius = float((speed / bend)[i, j])
+            radius = float(speed[0, j] / bend[i, j])
             found = f"{what}: its bend radius is {1e3 * radius:.4g} mm there"
             raise BadInput(place, found, f"the smallest allowed is {1e3 * float(allowed[i, j]):.4g} mm for this wall")

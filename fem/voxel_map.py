@@ -81,10 +81,10 @@ class VoxelMap:
         if not s.wall < s.outer_radius:
             raise BadInput(f"map {self.title!r}, wall", f"is {s.wall:g} m", f"expected less than {s.outer_radius:g} m")
         room = s.outer_radius - s.wall
-        if s.cap and not s.hole / 2 / np.cos(np.pi / counts[0]) < room:
-            raise BadInput(
-                f"map {self.title!r}, hole", f"is {s.hole:g} m", f"expected less than the bore, {2 * room:g} m"
-            )
+        reach = s.hole / 2 / np.cos(np.pi / counts[0])
+        if s.cap and not reach < room:
+            found = f"is {s.hole:g} m: its polygon of {counts[0]} sides reaches {reach:g} m from the axis"
+            raise BadInput(f"map {self.title!r}, hole", found, f"expected less than the bore's {room:g} m")
         known = [*table("5.1").rows, *RIGID]
         for name in self.parts:
             if name not in known:

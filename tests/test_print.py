@@ -109,11 +109,11 @@ def test_neighbours_of_two_materials_share_their_triangles_also_where_faces_are_
     assert (count == 2).sum() == (len(inner) - outside) / 2
 
 
-def test_a_map_of_64_by_64_is_written_and_read_back_in_5_s(tmp_path: Path) -> None:
-    voxels = DRAW.integers(0, 3, (64, 64))  # 128 by 128, four times as many, is a row of the report on shapes
+def test_a_map_of_128_by_128_is_written_and_read_back_in_10_s(tmp_path: Path) -> None:
+    voxels = DRAW.integers(0, 3, (128, 128))
     started = time.perf_counter()
     found = write_prints(made(voxels), tmp_path, "m")
-    assert time.perf_counter() - started < 5
+    assert time.perf_counter() - started < 10
     assert [w.voxels for w in found.stl] == [*np.bincount(voxels.ravel()), 0]
 
 
@@ -190,7 +190,11 @@ def test_maps_round_trip_as_files(tmp_path: Path) -> None:
         ("Agilus30", "Dragon Skin 10", "no fit is given"),
         ('"1 mm"', '"6 mm"', "wall: is 0.006 m; expected less than 0.005 m"),
         ('"1 mm"', '"-1 mm"', "wall: is -0.001 m; expected at least"),
-        ('hole = "3 mm"', 'hole = "9 mm"', "hole: is 0.009 m; expected less than the bore"),
+        (
+            'hole = "3 mm"',
+            'hole = "9 mm"',
+            "hole: is 0.009 m: its polygon of 3 sides reaches 0.009 m from the axis; expected less than the bore",
+        ),
         ('a = "', 'aa = "', "'aa': is no single letter"),
         ('["aab", "aba"]', "[]", "rows: are empty"),
         ('"aab", "aba"', '"ab", "ba"', r"has \(2, 2\) voxels; expected 3"),

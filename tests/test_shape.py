@@ -109,18 +109,22 @@ def test_a_straight_tube_bends_to_an_arc_and_balloons_as_the_exact_ring() -> Non
 
 
 def test_folds_are_refused_with_the_smallest_radius_that_is_allowed() -> None:
-    vessel = straight(0.03, 5e-3)
+    vessel, short = straight(0.03, 5e-3), straight(0.008, 5e-3)
     actuator = Actuator(inner_radius=2e-3, outer_radius=3e-3)
     with pytest.raises(BadInput, match=r"q = 1, v = 0 deg, w = .* the shape folds: its bend radius is 3 mm") as refused:
-        build(vessel, actuator, Motions(bend=Bend(angle=0.03 / 3e-3)))
+        build(short, actuator, Motions(bend=Bend(angle=0.008 / 3e-3)))
     found = re.search(r"smallest allowed is ([\d.]+) mm", str(refused.value))
     assert found is not None
     allowed = float(found[1]) * 1e-3
     assert allowed == pytest.approx(smallest_bend(np.array(2e-3), np.array(2.5e-6)), rel=1e-3)
-    wall = coarse_wall(build(vessel, actuator, Motions(bend=Bend(angle=0.03 / (1.001 * allowed)))), 1.0)
+    wall = coarse_wall(build(short, actuator, Motions(bend=Bend(angle=0.008 / (1.001 * allowed)))), 1.0)
     assert wall.h.max() == pytest.approx(allowed, rel=0.05)  # the outer wall all but reaches the centre of the bend
     with pytest.raises(BadInput, match="the shape folds"):
-        build(vessel, actuator, Motions(bend=Bend(angle=0.03 / (0.999 * allowed))))
+        build(short, actuator, Motions(bend=Bend(angle=0.008 / (0.999 * allowed))))
+    thin = replace(actuator, inner_radius=0.5e-3, outer_radius=0.8e-3)
+    build(vessel, thin, Motions(bend=Bend(angle=0.8 * 2 * np.pi)))
+    with pytest.raises(BadInput, match=r"passes through itself at w = [\d.]+ and [\d.]+ mm"):
+        build(vessel, thin, Motions(bend=Bend(angle=1.2 * 2 * np.pi)))
     with pytest.raises(BadInput, match="the shear turns faster"):
         build(vessel, actuator, Motions(twist=Twist(wave=0.6, waves=2)))
     with pytest.raises(BadInput, match="the bore has no width"):

@@ -9,7 +9,7 @@ from catheter.centreline import Vessel, load
 from catheter.frames import frenet, rotation_minimising, total_twist
 from catheter.lab.outcome import Outcome, table
 from catheter.lab.scene import Scene
-from catheter.motions import Actuator, Motions, build
+from catheter.motions import Actuator, Motions, build, refuse_overlap
 from catheter.occlusion import Occlusion, occlusion
 from catheter.shape import Shape
 from catheter.target import query, stretches
@@ -139,6 +139,7 @@ def _frames_line(found: Shaped) -> str:
 
 def _row(found: Shaped, q: float) -> dict[str, Any]:
     shape = found.shape
+    refuse_overlap(shape, q)
     ends = shape.wall(
         q,
         np.array([shape.inner, shape.outer]),
