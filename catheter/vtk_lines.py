@@ -140,6 +140,15 @@ class _Legacy:
         self.at = end + 1
         return words
 
+    def heading(self) -> list[str]:
+        """Return the next line with words, past the METADATA that VTK writes behind an array, up to an empty line."""
+        words = self.line()
+        while self.at < len(self.content) and (not words or words == ["METADATA"]):
+            while words:
+                words = self.line()
+            words = self.line()
+        return words
+
     def numbers(self, kind: str, count: int) -> Array:
         kind = _LEGACY[kind.lower()]
         if self.binary:
@@ -163,7 +172,7 @@ class _Legacy:
             self.at = before
             return self.numbers("int", size)
         ends = self.numbers(words[1], count).astype(int)
-        words = self.line() or self.line()
+        words = self.heading()
         parts = np.split(self.numbers(words[1], size), ends[1:-1])
         return np.concatenate([np.append(len(part), part) for part in parts])
 
@@ -186,7 +195,7 @@ class _Legacy:
                     found[name] = self.numbers(kind, points)
                 case ["FIELD", _, arrays] if in_points:
                     for _ in range(int(arrays)):
-                        name, width, count, kind = self.line()
+                        name, width, count, kind = self.heading()
                         values = self.numbers(kind, int(width) * int(count))
                         if int(width) == 1:
                             found[name] = values

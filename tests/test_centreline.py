@@ -162,7 +162,9 @@ def test_legacy_vtk(tmp_path: Path, binary, offsets) -> None:
         lines += b"CONNECTIVITY vtktypeint64\n" + numbers(np.arange(30), ">i8")
     content = b"# vtk DataFile Version 5.1\nt\n" + (b"BINARY\n" if binary else b"ASCII\n")
     content += b"DATASET POLYDATA\nPOINTS 30 double\n" + numbers(XYZ, ">f8") + lines
-    content += b"POINT_DATA 30\nFIELD FieldData 1\nRadius 1 30 double\n" + numbers(RADIUS, ">f8")
+    metadata = b"METADATA\nINFORMATION 1\nNAME L2_NORM_RANGE LOCATION vtkDataArray\nDATA 2 0 20.1\n\n"
+    content += b"POINT_DATA 30\nFIELD FieldData 2\nTangent 3 30 double\n" + numbers(XYZ, ">f8") + metadata
+    content += b"Radius 1 30 double\n" + numbers(RADIUS, ">f8") + metadata
     path = tmp_path / "a.vtk"
     path.write_bytes(content)
     found = read_points(path)
