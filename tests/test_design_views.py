@@ -34,7 +34,11 @@ def test_the_drawn_limiter_has_its_own_length_and_the_tube_its_radius() -> None:
     assert np.hypot(*limiter[0, 1:]) == pytest.approx(float(helix.radius_m) - radius, rel=1e-9)  # inside of the bend
 
 
-@pytest.mark.parametrize("command", [("free", "--step", "5 deg"), ("valve",)], ids=" ".join)
+@pytest.mark.parametrize(
+    "command",
+    [("free", "--step", "5 deg"), ("valve",), ("shape", "renal_spiral", "--q", "1", "--voxel", "3,7")],
+    ids=" ".join,
+)
 def test_dashboards_are_accepted_and_never_overwritten(tmp_path: Path, capsys, command) -> None:
     out = tmp_path / "design.rrd"
     assert cli.run([*command, "--out", str(out)]) == 0

@@ -8,6 +8,7 @@ import pytest
 from helpers import ROOT
 
 HEAVY = {"cv2", "rerun", "pandas", "control", "fmpy", "filterpy", "matplotlib", "numba", "scipy", "pint", "rich"}
+HEAVY |= {"trimesh", "networkx", "lxml"}
 
 
 def loaded(code: str) -> set[str]:
@@ -26,6 +27,8 @@ def loaded(code: str) -> set[str]:
         ("import catheter.bench", set()),
         ("import catheter.search, catheter.refine, catheter.locomotion, catheter.valve", set()),
         ("import catheter.bench_runs", set()),
+        ("import catheter.target, catheter.occlusion, fem.print_files, fem.slices", set()),
+        ("from catheter.lab.scene import Scene; Scene.load('renal_spiral')", {"pint", "scipy"}),
         ("import catheter.lab.fit_commands", set()),
         ("import catheter.lab.cli", set()),
         ("import catheter.lab.scene", set()),

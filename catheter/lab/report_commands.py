@@ -33,6 +33,8 @@ STUDIES = {  # the module of each report; the function has its name, with "_" fo
     "fem-stability": "fem_study",
     "materials": "material_study",
     "directions": "direction_study",
+    "shape": "shape_study",
+    "shape-pictures": "shape_pictures",
     "twist": "vision_study",
     "twist-stress": "vision_stress",
     "twist-containers": "container_study",

@@ -53,7 +53,7 @@ def save_free(task: Task, spiral: Design, path: Path) -> None:
         time = rrb.TimePanel(timeline=TIMELINE, state="collapsed")
         stream.send_blueprint(rrb.Blueprint(rrb.Horizontal(*views), *PANELS, time))
 
-    _write("free", path, log)
+    write("free", path, log)
 
 
 def save_valves(path: Path) -> None:
@@ -73,7 +73,7 @@ def save_valves(path: Path) -> None:
         view = rrb.TensorView(name="Prev / Pfwd - 1, measured cones and between", origin="/ratio")
         stream.send_blueprint(rrb.Blueprint(view, *PANELS, rrb.TimePanel(state="hidden")))
 
-    _write("valves", path, log)
+    write("valves", path, log)
 
 
 def _nearest(task: Task, gamma_rad: float) -> int:
@@ -81,7 +81,8 @@ def _nearest(task: Task, gamma_rad: float) -> int:
     return round(gamma_rad / task.step) + half_steps(task)
 
 
-def _write(name: str, path: Path, log: Callable[[rr.RecordingStream], None]) -> None:
+def write(name: str, path: Path, log: Callable[[rr.RecordingStream], None]) -> None:
+    """Write what `log` logs to `path`, replaced. Raises CannotWrite."""
     rr.set_strict_mode(True)  # what rerun would only warn of is an error here
     stream = rr.RecordingStream(f"{name}-{uuid4().hex}")
     written = rr.binary_stream(stream)  # we write the file: rerun's own writer can wait for ever on a full disk
