@@ -110,6 +110,8 @@ def _cross(line: Array, start: int, step: int, level: float) -> float:
     at = start
     while line[at] < level and 0 <= at - step < len(line):  # the threshold lay outside: step in first
         at -= step
+    if line[at] < level:  # nowhere in this line: the threshold's own edge is all there is
+        return float(start)
     while 0 <= at + step < len(line) and line[at + step] >= level:
         at += step
     if not 0 <= at + step < len(line):

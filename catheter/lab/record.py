@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from data.recorder import Recorder
 from data.signal import Signal
 from data.topics import STANDARD, standard
 
+if TYPE_CHECKING:
+    from catheter.printed_bench import PrintedRun
+
 RUNS: dict[str, Callable[..., BenchRun]] = {
     "chirp": bench_runs.bender,
     "ramp": bench_runs.bender,
@@ -25,13 +29,15 @@ RUNS: dict[str, Callable[..., BenchRun]] = {
 }
 
 
-def record(scene: Scene, out: Path, *, overwrite: bool = False) -> Run | BenchRun:
+def record(scene: Scene, out: Path, *, overwrite: bool = False) -> "Run | BenchRun | PrintedRun":
     """Simulate a scene and write its recording; the same scene gives the same bytes.
 
     Raises BadInput for a scene that is not simulated or an impossible one, CannotWrite for the output.
     """
     if scene.heading.kind in RUNS:
         return _record_run(scene, out, overwrite)
+    if scene.heading.kind == "printed":
+        return _record_printed(scene, out, overwrite)
     if scene.heading.kind != "bender":
         raise BadInput(f"scene {scene.heading.title!r}", f"is a {scene.heading.kind} scene", "a bender can be recorded")
     run = simulate(*(scene.tables[name] for name in ("drive", "bench", "plant", "noise")))
@@ -88,6 +94,36 @@ def _record_run(scene: Scene, out: Path, overwrite: bool) -> BenchRun:
             for at, row in zip(run.time_s.tolist(), values, strict=True):  # a signal has one unit
                 recorder.write(name, at, row)
         recorder.write_signals(whole)
+    return run
+
+
+def _record_printed(scene: Scene, out: Path, overwrite: bool) -> "PrintedRun":
+    """Record a printed actuator: pressure and light on the bench's clock, each camera's frames on its own."""
+    import cv2
+
+    from catheter.printed_bench import printed_run
+
+    tables = scene.tables
+    run = printed_run(
+        tables["tube"], tables["map"], tables["print"],
+        ramp=tables["ramp"], cameras=tables["cameras"], gauge=tables["gauge"],
+    )  # fmt: skip
+    truth = {f"print.{name}": repr(value) for name, value in asdict(tables["print"]).items()}
+    truth |= {f"cameras.{name}": repr(getattr(run.cameras, name)) for name in ("top_offset", "side_offset")}
+    with Recorder(out, _origin(scene), scene=scene.text, truth=truth, flush_s=None, replace=overwrite) as recorder:
+        for name in ("/pressure", "/led", "/camera/top", "/camera/side"):
+            recorder.add(replace(standard(name), note="simulated"))
+        times, states = run.led
+        recorder.write_signals(
+            {
+                "/pressure": Signal(run.time_s, run.pressure_pa, "Pa", name="/pressure"),
+                "/led": Signal(times, states, "1", name="/led"),
+            }
+        )
+        for camera in ("top", "side"):
+            for stamp_s, picture in run.frames(camera):
+                jpeg = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, run.cameras.quality])[1].tobytes()
+                recorder.write_picture(f"/camera/{camera}", stamp_s, jpeg, "jpeg")
     return run
 
 
