@@ -224,16 +224,16 @@ def linearised(  # noqa: PLR0917
     mean: bool,
     out: Array,
 ) -> None:
-    """Set out (e, g, 7) to what stresses become after a step (n, 3) from x (n, 3), to first order.
+    """Set out (2, e, g, 7) to stresses at x (n, 3) and their change with a step (n, 3), to first order.
 
-    Six components of the shape-changing second Piola-Kirchhoff stress S + C : dE and the pressure
-    kappa (m + dm). With mean, all points of an element get the pressure of the element's mean.
+    Six components of the shape-changing second Piola-Kirchhoff stress S, dS = C : dE, and the
+    pressure kappa m. With mean, all points of an element get the pressure of the element's mean.
     """
     F, D, points = np.empty((3, 3)), np.empty((3, 3)), weight.shape[1]
-    inverse, d = np.empty((3, 3)), np.empty(6)
+    inverse, d, change = np.empty((3, 3)), np.empty(6), np.empty(6)
     tau, c, unit = np.empty(6), np.empty((6, 6)), np.empty(6)
     for e in range(len(hexes)):
-        total = volume = 0.0
+        total = total_change = volume = 0.0
         for g in range(points):
             J = deformation(x, hexes, e, G[e, g], F)
             deformation(step, hexes, e, G[e, g], D)
@@ -244,18 +244,21 @@ def linearised(  # noqa: PLR0917
                 for k in range(3):
                     d[s] += D[i, k] * inverse[k, j] + (D[j, k] * inverse[k, i] if s > 2 else 0.0)
             _measure_stress(law[e], F, J, unit)
-            m = _measure(law[e], F, J) + (unit * d).sum()
+            m, dm = _measure(law[e], F, J), (unit * d).sum()
             material_point(law[e], q[e], F, J, tau, c)
             for s in range(6):
+                change[s] = 0.0
                 for t in range(6):
-                    tau[s] += c[s, t] * d[t]
-            _moved_stress(inverse, tau, out[e, g])
+                    change[s] += c[s, t] * d[t]
+            _moved_stress(inverse, tau, out[0, e, g])
+            _moved_stress(inverse, change, out[1, e, g])
             total += weight[e, g] * m
+            total_change += weight[e, g] * dm
             volume += weight[e, g]
-            out[e, g, 6] = kappa[e] * m
+            out[0, e, g, 6], out[1, e, g, 6] = kappa[e] * m, kappa[e] * dm
         if mean:
             for g in range(points):
-                out[e, g, 6] = kappa[e] * total / volume
+                out[0, e, g, 6], out[1, e, g, 6] = kappa[e] * total / volume, kappa[e] * total_change / volume
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

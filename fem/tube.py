@@ -123,7 +123,7 @@ class Inflation:
     @property
     def iterations(self) -> NDArray[np.int64]:
         """Newton iterations spent to reach each load from the one before (n,)."""
-        return np.array([len(p.residuals) for p in self.points])
+        return np.array([p.iterations for p in self.points])
 
     @property
     def displacement(self) -> Array:
