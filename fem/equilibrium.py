@@ -148,8 +148,9 @@ class System:
     @cached_property
     def free(self) -> Any:
         """Numbers of the free displacement components, level by level (k,)."""
-        free = np.flatnonzero(self._moves)
-        return free[np.argsort(self._levels[free], kind="stable")]
+        free, pattern = np.flatnonzero(self._moves), self.body.pattern
+        place = solver.ranked(pattern.start, pattern.column, self._levels[::3])
+        return free[np.argsort(place[free // 3], kind="stable")]
 
     @cached_property
     def _ends(self) -> Any:
