@@ -12,6 +12,7 @@ import numpy as np
 
 from data.errors import BadInput, DidNotConverge
 from data.signal import Array
+from fem import solver
 from fem.equilibrium import Balance, State, System, Tangent
 from fem.predictor import Stand, predicted
 
@@ -61,13 +62,13 @@ def follow(system: System, loads: Iterable[float], control: str = PRESSURE, star
         raise BadInput("control", f"is {control!r}", f"expected {PRESSURE!r} or {VOLUME!r}")
     if control == VOLUME and not system.closed:
         raise BadInput("control", "is 'volume', but no closed cavity is the only load", "control the pressure")
-    state = system.rest() if start is None else State(start.x, start.load)
-    stands = [_stand(system, state, control)]
-    points = []
-    for target in targets:
-        spent = _Spent()
-        stands = _reach(system, stands, target, control, spent)
-        points.append(_point(stands[-1], spent))
+    with solver.threads(len(system.free)):
+        stands = [_stand(system, system.rest() if start is None else State(start.x, start.load), control)]
+        points = []
+        for target in targets:
+            spent = _Spent()
+            stands = _reach(system, stands, target, control, spent)
+            points.append(_point(stands[-1], spent))
     return points
 
 
