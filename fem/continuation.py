@@ -14,7 +14,7 @@ from data.errors import BadInput, DidNotConverge
 from data.signal import Array
 from fem import solver
 from fem.equilibrium import Balance, State, System, Tangent
-from fem.predictor import Stand, predicted
+from fem.predictor import Mark, Stand, predicted
 
 PRESSURE, VOLUME = "pressure", "volume"
 SMALL_LOAD = 1e-3  # of the softest shear modulus: pressures below it do not make the residual's scale smaller
@@ -62,13 +62,13 @@ def follow(system: System, loads: Iterable[float], control: str = PRESSURE, star
         raise BadInput("control", f"is {control!r}", f"expected {PRESSURE!r} or {VOLUME!r}")
     if control == VOLUME and not system.closed:
         raise BadInput("control", "is 'volume', but no closed cavity is the only load", "control the pressure")
-    with solver.threads(len(system.free)):
-        stands = [_stand(system, system.rest() if start is None else State(start.x, start.load), control)]
-        points = []
+    with solver.one_thread():
+        stand = _stand(system, system.rest() if start is None else State(start.x, start.load), control)
+        before, points = None, []
         for target in targets:
             spent = _Spent()
-            stands = _reach(system, stands, target, control, spent)
-            points.append(_point(stands[-1], spent))
+            before, stand = _reach(system, before, stand, target, control, spent)
+            points.append(_point(stand, spent))
     return points
 
 
@@ -123,76 +123,81 @@ def _reached(  # noqa: PLR0917
     return Stand(system, state, here, tangent, here.volume, per_load * rise, rise)
 
 
-def _reach(system: System, stands: list[Stand], target: float, control: str, spent: _Spent) -> list[Stand]:
-    """Step from the last stand to a load, in as many sub-steps as it takes; return the last two stands."""
-    start = stands[-1].parameter
-    whole = target - start
-    step, now = whole, start
+def _reach(  # noqa: PLR0917
+    system: System, before: Mark | None, stand: Stand, target: float, control: str, spent: _Spent
+) -> tuple[Mark | None, Stand]:
+    """Step from a stand to a load, in as many sub-steps as it takes; return it with the mark before it."""
+    whole, now = target - stand.parameter, stand.parameter
+    step = whole
     while now != target:
         step = min(step, target - now, key=abs)
-        reach = float(np.abs(stands[-1].motion).max()) * abs(step) / (system.newton.most_move * system.extent)
+        reach = float(np.abs(stand.motion).max()) * abs(step) / (system.newton.most_move * system.extent)
         step /= max(1, int(np.ceil(reach)))
         goal = target if abs(target - now - step) < 1e-9 * abs(whole) else now + step
         try:
-            reached = _step(system, stands, goal, control, spent)
+            reached = _step(system, before, stand, goal, control, spent)
         except (_Cut, DidNotConverge) as error:
             step /= 2
             if abs(step) < system.newton.smallest * abs(whole):
-                raise _refusal(stands[-1], control, target, error) from error
+                raise _refusal(stand, control, target, error) from error
             continue
-        stands = [stands[-1], reached]
+        before, stand = stand.mark, reached
         now = goal
         step *= 2
-    return stands
+    return before, stand
 
 
-def _step(system: System, stands: list[Stand], goal: float, control: str, spent: _Spent) -> Stand:
+def _step(  # noqa: PLR0917
+    system: System, before: Mark | None, stand: Stand, goal: float, control: str, spent: _Spent
+) -> Stand:
     """Return the equilibrium at one load. Raises _Cut or DidNotConverge where that is not near.
 
     Newton's method; once the residual is small the factor at hand is used again, as long as it makes
     the residual fall tenfold.
     """
-    state = predicted(stands[-2] if len(stands) > 1 else None, stands[-1], goal)
-    tangent, found, size = None, np.empty((0, 2)), np.inf
+    state, size = predicted(before, stand, goal), np.inf
+    kept: tuple[Tangent, Array] | None = None  # a tangent taken close by, and how the unknowns move per load by it
     for _ in range(system.newton.most_steps):
-        here = system.balance(state) if tangent else system.tangent(state)
+        here = system.tangent(state) if kept is None else system.balance(state)
         scale = _scale(system, state, here)
-        before, size = size, float(np.linalg.norm(here.residual)) / scale
+        last, size = size, float(np.linalg.norm(here.residual)) / scale
         missing = goal - here.volume if control == VOLUME else 0.0
         there = size <= max(0.1 * system.newton.tolerance, system.body.noise / scale)
         there = there and abs(missing) <= MISSED * abs(goal)
-        if tangent and not there and size > 0.1 * before:  # the old factor is no longer good enough
+        if not there and size > 0.1 * last and kept is not None:  # the old factor is no longer good enough
             here, state = system.tangent(state), State(state.x, state.load)
         spent.residuals.append(size)
-        if isinstance(here, Tangent):
-            tangent, right = here, np.stack([here.residual, here.slope], axis=1)
-            found = tangent.solve(-right)
+        if kept is None or isinstance(here, Tangent):
+            assert isinstance(here, Tangent)
+            found = here.solve(-np.stack([here.residual, here.slope], axis=1))
+            move, kept = found[:, 0], (here, found[:, 1])
             spent.factors += 1
         elif not there:
-            found[:, 0] = tangent.solve(-here.residual[:, None])[:, 0]
+            move = kept[0].solve(-here.residual[:, None])[:, 0]
         if there:
-            reached = _reached(system, state, here, tangent, found[:, 1], control)
-            _check(system, stands[-1], reached, control)
+            reached = _reached(system, state, here, *kept, control)
+            _check(system, stand, reached, control)
             return reached
-        state = _corrected(system, state, here, found, missing, control, size)
+        state = _corrected(system, state, here, move, kept[1], missing, control, size > CLOSE)
         spent.iterations += 1
         if size > CLOSE:
-            tangent = None
+            del here  # the next tangent takes its memory
+            kept = None
     raise _Cut(f"residual {size:.1e} > {system.newton.tolerance:.0e} of the load after {len(spent.residuals)} steps")
 
 
 def _corrected(  # noqa: PLR0917
-    system: System, state: State, here: Balance, found: Array, missing: float, control: str, size: float
+    system: System, state: State, here: Balance, move: Array, per_load: Array, missing: float, control: str, hold: bool
 ) -> State:
-    """Return the state after a correction: found[:, 0] for the residual, found[:, 1] per load."""
-    move, extra = found[:, 0], 0.0
+    """Return the state after a correction for the residual, per_load along with it where a volume is missing."""
+    extra = 0.0
     if control == VOLUME:
-        extra = (missing + float(here.slope @ move)) / float(-here.slope @ found[:, 1])
-        move = move + extra * found[:, 1]
+        extra = (missing + float(here.slope @ move)) / float(-here.slope @ per_load)
+        move = move + extra * per_load
     largest, longest = float(np.abs(move).max()), system.newton.most_move * system.extent
     if not np.isfinite(largest):
         raise _Cut("the displacements are not finite")
-    return system.moved(state, move * min(1.0, longest / (largest or 1.0)), state.load + extra, hold=size > CLOSE)
+    return system.moved(state, move * min(1.0, longest / (largest or 1.0)), state.load + extra, hold=hold)
 
 
 def _scale(system: System, state: State, here: Balance) -> float:

@@ -9,7 +9,7 @@ import ctypes
 from functools import cache
 from typing import Any
 
-import scipy.linalg.cython_blas  # noqa: F401, loaded before solver.threads looks for libraries
+import scipy.linalg.cython_blas  # noqa: F401, loaded before solver.one_thread looks for libraries
 from numba.extending import get_cython_function_address
 
 LARGEST = 96  # beyond it OpenBLAS's dpotrf is slower than its halves

@@ -159,6 +159,11 @@ class System:
         return np.cumsum(counts[counts > 0])
 
     @cached_property
+    def _spare(self) -> list[Array]:
+        """Memory of factors that are gone."""
+        return []
+
+    @cached_property
     def method(self) -> str:
         """The name of the solver: what the options say, or what suits the mesh."""
         if not self.symmetric:
@@ -241,7 +246,7 @@ class System:
             slope -= self.dead
         matrix = self._part(0, forces.stiffness)
         if self.method == solver.RINGS:
-            factor: solver.Factor = solver.BlockTridiagonal(matrix, self._ends)
+            factor: solver.Factor = solver.BlockTridiagonal(matrix, self._ends, self._spare)
         else:
             factor = solver.SuperLU(matrix, symmetric=self.method == solver.SPARSE)
         moves = rigid.motions(state.x[self.body.mesh.tied])

@@ -8,7 +8,9 @@ too wide for that, and matrices that are not symmetric, go to SuperLU.
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import pairwise
 from typing import Any, Protocol
+from weakref import finalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +23,6 @@ from fem.kernel import dense_block
 Integers = NDArray[np.int64]
 
 RINGS, SPARSE, GENERAL = "block-tridiagonal", "SuperLU, symmetric mode", "SuperLU"
-SMALL = 20_000  # unknowns below which one BLAS thread is faster: 0.4 s against 1.4 s with two on busy cores
 PANEL = 48  # rows of a staircase taken together
 MOST_WORK = 1e12  # multiplications of the dense blocks beyond which SuperLU is the faster
 
@@ -33,9 +34,9 @@ def _libraries() -> Any:
     return ThreadpoolController()
 
 
-def threads(unknowns: int) -> AbstractContextManager[Any]:
-    """Return a context in which BLAS has one thread where blocks are so small that several wait for one another."""
-    limited: AbstractContextManager[Any] = _libraries().limit(limits=1 if unknowns < SMALL else None, user_api="blas")
+def one_thread() -> AbstractContextManager[Any]:
+    """Return a context in which BLAS has one thread: on blocks as small as these several wait for one another."""
+    limited: AbstractContextManager[Any] = _libraries().limit(limits=1, user_api="blas")
     return limited
 
 
@@ -80,7 +81,7 @@ def ranked(start: NDArray[np.int32], column: NDArray[np.int32], level: Integers)
     for at in range(int(level.max()) + 1):
         nodes = np.flatnonzero(level == at)
         if at == 0:
-            order = np.asarray(reverse_cuthill_mckee(graph[nodes][:, nodes].tocsr(), symmetric_mode=True))
+            order: Any = reverse_cuthill_mckee(graph[nodes][:, nodes].tocsr(), symmetric_mode=True)
         else:
             rows = graph[nodes]
             of, back = np.repeat(np.arange(len(nodes)), np.diff(rows.indptr)), level[rows.indices] == at - 1
@@ -130,7 +131,7 @@ class _Level:
             right[:] = self.root.T @ (self.signs[:, None] * right)
 
     def coupled(self, block: Array, panels: tuple[tuple[int, int, int], ...]) -> "_Level":
-        """Return the level with the block that couples the next one, which is turned into `below`: times L^-T, or R^T."""
+        """Return the level with a block that couples the next one, turned into `below`: times L^-T, or R^T."""
         if self.signs is not None:
             block[:] = block @ self.root.T
             panels = ((0, len(block), 0),)
@@ -161,9 +162,7 @@ class _Level:
         base, far, k, ldz, ldr = self.below.ctypes.data, _far(self.below), right.shape[1], _far(z), _far(right)
         for first, last, c in self.panels:
             size, at = (last - first, k, len(self.root) - c), base + 8 * (first + c * far)
-            dense.subtract_product(
-                "N", *size, at, far, z.ctypes.data + 8 * c, ldz, right.ctypes.data + 8 * first, ldr
-            )
+            dense.subtract_product("N", *size, at, far, z.ctypes.data + 8 * c, ldz, right.ctypes.data + 8 * first, ldr)
 
     def backward(self, x: Array, z: Array) -> None:
         """Take below^T x from z (n, k)."""
@@ -198,13 +197,16 @@ class BlockTridiagonal:
 
     Where rows are also sorted so that a level's coupling to the one before is a staircase, what
     lies below the stairs is not computed: a third of the work of dense blocks is saved on a ring.
+    spare: memory of factors of this matrix that are gone, to be used again; fresh memory costs more
+    than the factor, as the system clears it page by page.
     """
 
-    def __init__(self, matrix: Any, ends: Integers) -> None:
+    def __init__(self, matrix: Any, ends: Integers, spare: list[Array]) -> None:
         self.ends, self.levels = ends, list[_Level]()
         self.negative = 0
         size, wide = np.diff(ends, prepend=0), np.diff(ends, prepend=[0, 0])
-        room = np.empty(int((size * (size + wide[:-1])).sum()))  # in one piece, which the system can give again
+        room = spare.pop() if spare else np.empty(int((size * (size + wide[:-1])).sum()))
+        finalize(self, spare.append, room)
         stairs = np.minimum.accumulate(matrix.indices[matrix.indptr[:-1]][::-1])[::-1]
         left = first = at = 0
         for last in ends.tolist():
@@ -247,7 +249,7 @@ class BlockTridiagonal:
 def _panels(stairs: NDArray[np.int32], width: int) -> tuple[tuple[int, int, int], ...]:
     """Return groups of rows, first and last, with the first of `width` columns that is not zero in them."""
     cuts = [*range(0, len(stairs), PANEL), len(stairs)]
-    return tuple((a, b, min(int(stairs[a]), width)) for a, b in zip(cuts, cuts[1:], strict=False))
+    return tuple((a, b, min(int(stairs[a]), width)) for a, b in pairwise(cuts))
 
 
 class SuperLU:

@@ -51,8 +51,8 @@ def peer_rows(tube: Tube, *, peers: bool) -> tuple[list[Row], list[str]]:
                 continue
             rows.append(_row(name, found["twist_deg"], found["seconds"]))
             notes.append(
-                f"TWIST to 20 kPa, {name}: {found['iterations']} Newton iterations, setup {found['setup_s']:.1f} s apart, "
-                f"{found['seconds'] / seconds:.1f} times our time."
+                f"TWIST to 20 kPa, {name}: {found['iterations']} Newton iterations, setup {found['setup_s']:.1f} s "
+                f"apart, {found['seconds'] / seconds:.1f} times our time."
             )
     return rows, notes
 

@@ -27,14 +27,15 @@ def meshed(given):
     return ng.Mesh(mesh)
 
 
-def main(mesh):
+def main(mesh):  # noqa: PLR0915, one recipe
     """Solve and print twist [deg], Newton iterations, seconds, and those of the setup apart."""
     given = np.load(mesh)
     started = time.perf_counter()
     grid = meshed(given)
     nodes = given["nodes_mm"]
     count = len(nodes)
-    parts = {f"m{k}": (float(m), float(b)) for k, (m, b) in enumerate(zip(given["mu_MPa"], given["kappa_MPa"]))}
+    pair = given["mu_MPa"], given["kappa_MPa"]
+    parts = {f"m{k}": (float(m), float(b)) for k, (m, b) in enumerate(zip(*pair, strict=True))}
     mu = grid.MaterialCF({name: values[0] for name, values in parts.items()})
     kappa = grid.MaterialCF({name: values[1] for name, values in parts.items()})
     space = ng.VectorH1(grid, order=1) * ng.L2(grid, order=0)
@@ -48,9 +49,9 @@ def main(mesh):
     form = ng.BilinearForm(space, symmetric=True, condense=True)
     form += ng.Variation(energy.Compile() * ng.dx(intrules=rule))
     push = ng.BilinearForm(space)  # the fluid's part alone, whose size the residual is measured against
-    for into in (form, push):
-        work = pressure * ng.InnerProduct(ng.Cof(surface) * ng.specialcf.normal(3), v.Trace())
-        into += work.Compile() * ng.ds(intrules=rule)
+    work = pressure * ng.InnerProduct(ng.Cof(surface) * ng.specialcf.normal(3), v.Trace())
+    form += work.Compile() * ng.ds(intrules=rule)
+    push += work.Compile() * ng.ds(intrules=rule)
     free = ng.BitArray(space.FreeDofs(coupling=True))
     for node in given["fixed_nodes"].tolist():
         for axis in range(3):
