@@ -162,8 +162,8 @@ def _step(  # noqa: PLR0917
         scale = _scale(system, state, here)
         last, size = size, float(np.linalg.norm(here.residual)) / scale
         missing = goal - here.volume if control == VOLUME else 0.0
-        there = size <= max(0.1 * system.newton.tolerance, system.body.noise / scale)
-        there = there and abs(missing) <= MISSED * abs(goal)
+        rounded = size <= system.part.noise / scale and size > 0.3 * last  # as small as it becomes
+        there = (size <= 0.1 * system.newton.tolerance or rounded) and abs(missing) <= MISSED * abs(goal)
         if not there and size > 0.1 * last and kept is not None:  # the old factor is no longer good enough
             here, state = system.tangent(state), State(state.x, state.load)
         spent.residuals.append(size)

@@ -431,6 +431,7 @@ def press(  # noqa: PLR0912, PLR0917
     shape: Array,
     along: Array,
     weight: Array,
+    share: Array,
     origin: Array,
     pressure: float,
     slot: Indices,
@@ -440,7 +441,7 @@ def press(  # noqa: PLR0912, PLR0917
     """Add the area vectors of pressed quads to area (n, 3), and pressure times their slope to stiffness.
 
     x (n, 3) current positions; quads (q, a) anticlockwise as seen from the fluid; shape (g, a) and
-    along (g, a, 2) of the parent square, weight (g,); slot (q, a, a). The fluid pushes with
+    along (g, a, 2) of the parent square, weight (g,), share (q,) of each quad; slot (q, a, a). The fluid pushes with
     -pressure times area; area is -dV/dx of the volume V it fills, which is returned (as seen
     from origin). Exact for these polynomials, so that the sum over a closed surface is symmetric.
     """
@@ -457,7 +458,7 @@ def press(  # noqa: PLR0912, PLR0917
                     at[i] += shape[g, a] * x[quads[face, a], i]
             for i in range(3):
                 j, k = (i + 1) % 3, (i + 2) % 3
-                n[i] = weight[g] * (u[j] * v[k] - u[k] * v[j])
+                n[i] = share[face] * weight[g] * (u[j] * v[k] - u[k] * v[j])
                 volume -= n[i] * at[i] / 3
             for a in range(count):
                 for i in range(3):
@@ -470,7 +471,7 @@ def press(  # noqa: PLR0912, PLR0917
                     t = along[g, b, 0] * v[i] - along[g, b, 1] * u[i]
                     block[j, k], block[k, j] = t, -t
                 for a in range(count):
-                    scale = pressure * weight[g] * shape[g, a]
+                    scale = pressure * share[face] * weight[g] * shape[g, a]
                     for i in range(3):
                         for j in range(3):
                             stiffness[slot[face, a, b], i, j] += scale * block[i, j]

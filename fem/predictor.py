@@ -53,7 +53,7 @@ class Stand:
         """What a predictor needs of it."""
         x, load = self.state.x, self.state.load
         velocity = self.system.field(x, self.motion)
-        return Mark(self.parameter, x, velocity, load, self.rise, *self.system.body.stresses(x, velocity))
+        return Mark(self.parameter, x, velocity, load, self.rise, *self.system.part.stresses(x, velocity))
 
 
 def predicted(before: Mark | None, stand: Stand, goal: float) -> State:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from data.errors import BadInput
 from data.signal import Array
-from fem import grid, tube_grid
+from fem import grid, symmetry, tube_grid
 from fem.continuation import PRESSURE, Point, follow
 from fem.element import Body, make_body
 from fem.equilibrium import Newton, System
@@ -34,7 +34,8 @@ class Tube:
     anticlockwise from the x axis as seen from +z, the j-th from the base. divisions: elements
     around, along and through the wall, multiples of the voxels. cap: thickness of an elastic end
     disc of cap_material, 0 for a rigid cap. order 1: hexahedra of 8 nodes with mean dilatation;
-    2: of 20 nodes. Raises BadInput for what makes no tube.
+    2: of 20 nodes. reduced: solve for the smallest sector of which map and mesh are copies; what breaks
+    that symmetry is then left out, of `stable` too. Raises BadInput for what makes no tube.
     """
 
     length: float
@@ -46,6 +47,7 @@ class Tube:
     cap_material: Law = DISC
     order: int = 1
     newton: Newton = field(default_factory=Newton)
+    reduced: bool = False
 
     def mesh(self) -> grid.Mesh:
         """Return the mesh."""
@@ -75,7 +77,8 @@ class Tube:
 
         Raises DidNotConverge where the path ends, see fem.continuation.follow.
         """
-        system = System(self.body(), self.newton)
+        body = self.body()
+        system = System(body, self.newton, symmetry=symmetry.found(body, self.divisions[0]) if self.reduced else None)
         values: Iterable[float] = np.atleast_1d(np.asarray(loads, dtype=np.float64)).tolist()
         return Inflation(self, system, tuple(follow(system, values, control)), control)
 
@@ -102,6 +105,11 @@ class Inflation:
     def solver(self) -> str:
         """The name of the linear solver."""
         return self.system.method
+
+    @property
+    def sector(self) -> str:
+        """What was solved for: "" the whole tube, or the name of a symmetry's sector."""
+        return "" if self.system.symmetry is None else self.system.symmetry.name
 
     @property
     def pressure(self) -> Array:

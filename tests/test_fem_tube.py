@@ -334,3 +334,40 @@ def test_blas_has_one_thread_while_a_path_is_followed() -> None:
 
     with solver.one_thread():
         assert {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"} == {1}
+
+
+def _maps() -> dict[str, tuple[Tube, str, float]]:
+    soft, stiff = NeoHooke(c1=2e5), NeoHooke(c1=1.89e6)
+    balloon, rings, bender, odd, skew = (small() for _ in range(5))
+    for tube in (balloon, rings, bender, odd, skew):
+        tube.material[:] = soft
+    rings.material[:, 2] = stiff
+    bender.material[1:4] = stiff  # its mirror halves elements
+    odd.material[1:3] = stiff
+    odd.material[4, 5] = stiff  # nothing repeats
+    skew.material[:2] = stiff
+    return {
+        "balloon": (balloon, "1 of 8 sectors", 6.0),
+        "rings, 20 nodes": (replace(rings, order=2), "1 of 8 sectors", 6.0),
+        "balloon, disc": (replace(balloon, cap=1 * MM), "1 of 4 sectors", 3.0),
+        "twist": (small(), "1 of 2 sectors", 1.9),
+        "bender through elements": (bender, "half, mirrored at 112.5 deg", 1.5),
+        "bender between elements": (replace(skew, cap=1 * MM), "half, mirrored at 45 deg", 1.5),
+        "nothing": (odd, "", 1.0),
+    }
+
+
+@pytest.mark.parametrize("name", _maps())
+def test_a_sector_gives_the_whole_tube(name: str) -> None:
+    tube, sector, saved = _maps()[name]
+    whole, part = (replace(tube, reduced=r).inflate([10 * KPA, 30 * KPA]) for r in (False, True))
+    assert (whole.sector, part.sector) == ("", sector)
+    assert len(whole.system.free) >= saved * len(part.system.free)
+    size = np.abs(whole.displacement).max()
+    assert np.abs(part.displacement - whole.displacement).max() < 1e-9 * size  # what both leave of the residual
+    assert part.volume == pytest.approx(whole.volume, rel=1e-10)
+    assert part.energy == pytest.approx(whole.energy, rel=1e-9)
+    assert part.points[1].compliance == pytest.approx(whole.points[1].compliance, rel=1e-7)
+    reactions = [run.points[1].reaction for run in (whole, part)]
+    assert np.abs(reactions[1] - reactions[0]).max() < 1e-6 * np.abs(reactions[0]).max()
+    assert part.stretch() == pytest.approx(whole.stretch(), rel=1e-9)
