@@ -104,8 +104,9 @@ def _ogden(  # noqa: PLR0912, loops are faster written out
 ) -> float:
     """Ogden's law of the isochoric b (3, 3) in principal axes: set tau and, if wanted, c; return the energy."""
     squares, axes = np.linalg.eigh(b)
-    log = 0.5 * np.log(squares)
-    w, s = np.zeros(3), np.zeros(3)
+    log, w, s = np.empty(3), np.zeros(3), np.zeros(3)
+    for a in range(3):
+        log[a] = 0.5 * np.log(squares[a])
     energy = 0.0
     for p in range(3):
         for a in range(3):
@@ -113,7 +114,7 @@ def _ogden(  # noqa: PLR0912, loops are faster written out
             energy += (power - q[p]) / q[p + 3]
             w[a] += power
             s[a] += power * q[p + 3]
-    mean, total = w.sum() / 3, s.sum() / 9
+    mean, total = (w[0] + w[1] + w[2]) / 3, (s[0] + s[1] + s[2]) / 9
     dyad = np.empty((3, 6))
     for a in range(3):
         for m in range(6):
@@ -167,7 +168,10 @@ def material_point(  # noqa: PLR0917, compiled functions take arrays, not object
         if wanted:
             _product_tangent(b, 2 * q[0], c)
         return float(energy)
-    b *= J ** (-2 / 3)
+    scale = J ** (-2 / 3)
+    for i in range(3):
+        for j in range(3):
+            b[i, j] *= scale
     return _ogden(q, b, wanted, tau, c) if law == OGDEN else _invariant_law(law, q, b, wanted, tau, c)
 
 
@@ -207,7 +211,13 @@ def _inverse(F: Array, J: float, out: Array) -> None:
 @compiled
 def _measure(law: int, F: Array, J: float) -> float:
     """Return the volumetric measure m."""
-    return float(0.5 * ((F * F).sum() - 3)) if law == HOOKE else J - 1
+    if law != HOOKE:
+        return J - 1
+    total = -3.0
+    for i in range(3):
+        for j in range(3):
+            total += F[i, j] * F[i, j]
+    return 0.5 * total
 
 
 @compiled
@@ -257,6 +267,7 @@ def linearised(  # noqa: PLR0917
     inverse, b, d, change = np.empty((3, 3)), np.empty((3, 3)), np.empty(6), np.empty(6)
     tau, c, unit = np.empty(6), np.empty((6, 6)), np.empty(6)
     here, there = np.empty((3, hexes.shape[1])), np.empty((3, hexes.shape[1]))
+    wanted = len(hexes) > 0  # always: a constant would have numba compile the laws once more for it
     for e in range(len(hexes)):
         _gather(x, hexes, e, here)
         _gather(step, hexes, e, there)
@@ -271,9 +282,10 @@ def linearised(  # noqa: PLR0917
                 for k in range(3):
                     d[s] += D[i, k] * inverse[k, j] + (D[j, k] * inverse[k, i] if s > 2 else 0.0)
             _measure_stress(law[e], F, J, unit)
-            m, dm = _measure(law[e], F, J), (unit * d).sum()
-            material_point(law[e], q[e], F, J, True, b, tau, c)
+            m, dm = _measure(law[e], F, J), 0.0
+            material_point(law[e], q[e], F, J, wanted, b, tau, c)
             for s in range(6):
+                dm += unit[s] * d[s]
                 change[s] = 0.0
                 for t in range(6):
                     change[s] += c[s, t] * d[t]
@@ -450,7 +462,8 @@ def press(  # noqa: PLR0912, PLR0917
     wanted, volume = len(stiffness) > 0, 0.0
     for face in range(len(quads)):
         for g in range(len(weight)):
-            u[:], v[:], at[:] = 0.0, 0.0, -origin
+            for i in range(3):
+                u[i], v[i], at[i] = 0.0, 0.0, -origin[i]
             for a in range(count):
                 for i in range(3):
                     u[i] += along[g, a, 0] * x[quads[face, a], i]
