@@ -1,5 +1,8 @@
 """Along a path of loads: predictor, Newton, cut-back; pressure or volume prescribed, through limit points.
 
+A step is cut only where the predictor would move a node by more than Newton.most_move of the body, or where
+Newton's method does not converge; half of it is tried then, and twice as much after each success.
+
 A step under pressure control is accepted only if the volume it gained is what the compliance dV/dp
 before it foretold, within a factor: a jump over a limit point to another branch is not, however
 small the step before it, because the compliance has no bound there but the gap between branches is finite.

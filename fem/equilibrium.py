@@ -23,8 +23,8 @@ from fem.symmetry import Symmetry
 class Newton:
     """How equilibrium is found.
 
-    tolerance: residual over the load (or the rounding of the positions, where that is more), before a
-    last correction with the factor at hand.
+    tolerance: residual over the load; iterations go on to a tenth of it, or to what rounding of the
+    positions leaves, where that is more: the residuals of a result say which.
     most_steps: iterations in a sub-step before it is cut. most_move: the largest displacement in an
     iteration, and in a predictor, over the body's extent. smallest: the smallest sub-step, as
     a share of the way from one requested load to the next. solver: "" lets the mesh decide.
