@@ -128,7 +128,7 @@ class Inflation:
 
     @property
     def stable(self) -> NDArray[np.bool_]:
-        """Whether each is stable under its pressure (n,): no negative pivot of the tangent, of a sector: of its motions."""
+        """Whether each is stable under its pressure (n,): no pivot is negative; for a sector, by its own motions."""
         return np.array([p.negative == 0 for p in self.points])
 
     @property
