@@ -92,9 +92,13 @@ def _panels(rows: list[Row], others: list[Row], figure: Any) -> None:
         panel.set_axis_off()
     for row in others:
         axes[-1].loglog([row.seconds], [row.error], "o", label=row.method.partition(", ")[2])
-    axes[-1].set(title="TWIST, same mesh, against six codes' digits", xlabel="seconds", ylabel="relative error")
+    axes[-1].set(title="TWIST, same mesh: six codes' digits", xlabel="seconds", ylabel="relative error")
     axes[-1].legend(fontsize=6)
     axes[0].legend()
+    for panel in axes:
+        panel.margins(0.25)
+        panel.title.set_fontsize(10)
+        panel.xaxis.set_minor_formatter("")
     figure.suptitle("Finite elements: error against run time, by element and mesh")
 
 
