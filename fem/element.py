@@ -79,7 +79,8 @@ class Body:
     """A mesh with its materials as the kernels want them; law (e,), numbers (e, 6), kappa (e,) [Pa].
 
     gradient (e, g, a, 3) [1/m] and weight (e, g) [m^3] of the rest state; shape, along and
-    face_weight those of pressed faces; volumes are counted from origin; softest: least shear modulus [Pa].
+    face_weight those of pressed faces, share (q,) how often each counts; volumes are counted from
+    origin; softest: least shear modulus [Pa].
     """
 
     mesh: Mesh
@@ -94,6 +95,7 @@ class Body:
     pattern: Pattern
     origin: Array
     softest: float
+    share: Array
 
     @property
     def mean(self) -> bool:
@@ -147,6 +149,7 @@ class Body:
             self.shape,
             self.along,
             self.face_weight,
+            self.share,
             self.origin,
             pressure,
             self.pattern.face,
@@ -157,12 +160,15 @@ class Body:
 
     def linearised(self, x: Array, step: Array) -> Array:
         """Return the stresses (e, g, 7) [Pa] that a tangent after a step (n, 3) from x is to hold."""
-        out = np.empty((*self.weight.shape, 7))
-        mesh = self.mesh
+        return np.asarray(sum(self.stresses(x, step)))
+
+    def stresses(self, x: Array, step: Array) -> tuple[Array, Array]:
+        """Return the stresses (e, g, 7) [Pa] that a tangent at x (n, 3) holds, and their change with a step (n, 3)."""
+        out, mesh = np.empty((2, *self.weight.shape, 7)), self.mesh
         kernel.linearised(
             x, step, mesh.hexes, self.gradient, self.weight, self.law, self.numbers, self.kappa, self.mean, out
         )
-        return out
+        return out[0], out[1]
 
     def deformation(self, x: Array) -> Array:
         """Return the deformation gradients (e, g, 3, 3)."""
@@ -222,4 +228,5 @@ def make_body(mesh: Mesh, materials: Sequence[Law], which: Indices) -> Body:
         pattern(len(mesh.nodes), mesh.hexes, mesh.pressed),
         held.mean(axis=0) if len(held) else np.zeros(3),
         min(law.shear for law in materials),
+        np.ones(len(mesh.pressed)),
     )

@@ -3,18 +3,21 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from data.errors import BadInput
 from data.signal import Array
-from fem import grid, tube_grid
+from fem import grid, symmetry, tube_grid
 from fem.continuation import PRESSURE, Point, follow
 from fem.element import Body, make_body
 from fem.equilibrium import Newton, System
 from fem.material import Law, NeoHooke, printable
+
+if TYPE_CHECKING:
+    from fem.accuracy import Accuracy
 
 DISC = NeoHooke(c1=2000e6 / 2.7 / 2, nu=0.35, name="cap")  # E 2 GPa: a rigid plastic
 
@@ -32,7 +35,8 @@ class Tube:
     shows it, with twist and bending). divisions: elements
     around, along and through the wall, multiples of the voxels. cap: thickness of an elastic end
     disc of cap_material, 0 for a rigid cap. order 1: hexahedra of 8 nodes with mean dilatation;
-    2: of 20 nodes. Raises BadInput for what makes no tube.
+    2: of 20 nodes. reduced: solve for the smallest sector of which map and mesh are copies; what breaks
+    that symmetry is then left out, of `stable` too. Raises BadInput for what makes no tube.
     """
 
     length: float
@@ -44,6 +48,7 @@ class Tube:
     cap_material: Law = DISC
     order: int = 1
     newton: Newton = field(default_factory=Newton)
+    reduced: bool = False
 
     def mesh(self) -> grid.Mesh:
         """Return the mesh."""
@@ -73,7 +78,8 @@ class Tube:
 
         Raises DidNotConverge where the path ends, see fem.continuation.follow.
         """
-        system = System(self.body(), self.newton)
+        body = self.body()
+        system = System(body, self.newton, symmetry=symmetry.found(body, self.divisions[0]) if self.reduced else None)
         values: Iterable[float] = np.atleast_1d(np.asarray(loads, dtype=np.float64)).tolist()
         return Inflation(self, system, tuple(follow(system, values, control)), control)
 
@@ -102,6 +108,11 @@ class Inflation:
         return self.system.method
 
     @property
+    def sector(self) -> str:
+        """What was solved for: "" the whole tube, or the name of a symmetry's sector."""
+        return "" if self.system.symmetry is None else self.system.symmetry.name
+
+    @property
     def pressure(self) -> Array:
         """Pressures (n,) [Pa]."""
         return np.array([p.load for p in self.points])
@@ -118,13 +129,19 @@ class Inflation:
 
     @property
     def stable(self) -> NDArray[np.bool_]:
-        """Whether each is stable under its pressure: no pivot of the tangent is negative (n,)."""
+        """Whether each is stable under its pressure (n,): no pivot is negative; for a sector, by its own motions."""
         return np.array([p.negative == 0 for p in self.points])
 
     @property
     def iterations(self) -> NDArray[np.int64]:
-        """Newton iterations spent to reach each load from the one before (n,)."""
-        return np.array([len(p.residuals) for p in self.points])
+        """Corrections by Newton's method, spent to reach each load from the one before (n,)."""
+        return np.array([p.iterations for p in self.points])
+
+    def accuracy(self, index: int = -1) -> "Accuracy":
+        """Return how far off the mesh makes one equilibrium; solves a better one, see fem.accuracy.estimate."""
+        from fem.accuracy import estimate
+
+        return estimate(self, index)
 
     @property
     def displacement(self) -> Array:

@@ -85,12 +85,12 @@ def _rigid_lid(body: Lattice, order: int) -> tuple[Array, Indices]:
     corners = rim[::order]
     first = len(body.nodes)
     centre = body.nodes[corners].mean(axis=0)
-    nodes = np.vstack([body.nodes, centre])
-    hub = np.full(len(corners), first)
+    spokes = (body.nodes[corners] + centre) / 2 if order == 2 else np.empty((0, 3))
+    nodes = np.vstack([body.nodes, spokes, centre])  # the hub last: a rigid body's displacements are its last node's
+    hub = np.full(len(corners), len(nodes) - 1)
     lid = np.stack([np.roll(corners, -1), corners, hub, hub], axis=1)  # seen from below, where the fluid is
     if order == 2:
-        nodes = np.vstack([nodes, (body.nodes[corners] + centre) / 2])
-        spoke = first + 1 + np.arange(len(corners))
+        spoke = first + np.arange(len(corners))
         lid = np.hstack([lid, np.stack([rim[1::2], spoke, hub, np.roll(spoke, -1)], axis=1)])
     return nodes, lid
 
