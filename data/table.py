@@ -75,7 +75,8 @@ class Table:
 
     def text(self) -> str:
         """Return the table as printed, then meanings, gaps, source and notes, 100 characters wide."""
-        long = [n for n, c in self.columns.items() if not c.unit and max(len(r[n].printed) for r in self.rows.values()) > LONG]
+        widest = {name: max(len(row[name].printed) for row in self.rows.values()) for name in self.columns}
+        long = [name for name, column in self.columns.items() if not column.unit and widest[name] > LONG]
         columns = {name: column for name, column in self.columns.items() if name not in long}
         units = [f"[{c.unit}{'' if c.unit_printed else '*'}]" if c.unit else "" for c in columns.values()]
         cells = [[row[name].printed for name in columns] for row in self.rows.values()]

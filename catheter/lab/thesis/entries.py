@@ -21,7 +21,8 @@ DIFFERS = "differs"
 MISPRINT = "misprint"
 RECOVERED = "recovered"  # from our own simulated measurement of the published value: checks the method only
 UNKNOWN = "not computable"
-VERDICTS = (AGREES, DIFFERS, MISPRINT, RECOVERED, UNKNOWN)
+FAILED = "failed"  # our computation did: the reason is its error
+VERDICTS = (AGREES, DIFFERS, MISPRINT, RECOVERED, UNKNOWN, FAILED)
 RECOVERY = 0.05  # relative: what a simulated measurement must give back of its own truth
 
 
@@ -103,7 +104,8 @@ def claim(number: str, row: str, found: str, *, holds: bool) -> Entry:
     cells = table(number).row(row)
     reason = cells["reason"].printed
     verdict = AGREES if holds else MISPRINT if reason.startswith("misprint") else DIFFERS
-    return _told(number, row, "a sentence", found, verdict, "" if holds else reason)
+    place = _place(table(number), cells)
+    return told(place, row, "a sentence", found, verdict=verdict, reason="" if holds else reason)
 
 
 def unknown(number: str, row: str, column: str, why: str) -> Entry:
@@ -113,7 +115,7 @@ def unknown(number: str, row: str, column: str, why: str) -> Entry:
     cell = cells.get(column)
     printed = "a sentence" if cell is None or cell.lack else cell.printed
     shown = row if "relation" in cells else f"{row}, {column}"
-    return _told(number, shown, printed, "-", UNKNOWN, why, cells)
+    return told(_place(source, cells), shown, printed, "-", verdict=UNKNOWN, reason=why)
 
 
 def told(place: str, quantity: str, published: str, ours: str, *, verdict: str, reason: str = "") -> Entry:
@@ -122,20 +124,6 @@ def told(place: str, quantity: str, published: str, ours: str, *, verdict: str, 
         place=place, quantity=quantity, unit="", published=published, ours=ours,
         mismatch_percent=math.nan, verdict=verdict, reason=reason,
     )  # fmt: skip
-
-
-def _told(
-    number: str,
-    quantity: str,
-    published: str,
-    ours: str,
-    verdict: str,
-    reason: str,
-    cells: Mapping[str, Cell] | None = None,
-) -> Entry:
-    source = table(number)
-    place = _place(source, cells if cells is not None else source.row(quantity))
-    return told(place, quantity, published, ours, verdict=verdict, reason=reason)
 
 
 def _place(source: Table, cells: Mapping[str, Cell]) -> str:

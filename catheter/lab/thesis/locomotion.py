@@ -1,6 +1,5 @@
-"""Section 3.1: the circuit's periodic cycle, its events, the map over the valves, the stroke; Figs 3.11, 3.13, 3.16."""
+"""Section 3.1: the circuit's periodic cycle, its events, the map of the valves, the stroke; Figs 3.11, 3.13, 3.16."""
 
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -26,8 +25,8 @@ if TYPE_CHECKING:
 
 TEXT = "3.text"
 FRAME_S = 1 / 24  # of the thesis's video
-EVENTS = dict(zip(NAMES, ("rear spiral anchored", "front spiral touches", "rear spiral lets go", "front spiral lets go"),
-                  strict=True))  # fmt: skip
+_HAPPENS = ("rear spiral anchored", "front spiral touches", "rear spiral lets go", "front spiral lets go")
+EVENTS = dict(zip(NAMES, _HAPPENS, strict=True))
 ACTUATORS = ("Act 1, spiral", "Act 2, extender", "Act 3, spiral")
 GRID_NOTE = "a flat ridge: 96.6 % of the largest objective at the published values"
 
@@ -120,7 +119,7 @@ def _printed(circuit: Circuit, score: Score) -> list[Entry]:
     """Return what (3.21) to (3.24) say as printed, and the constants of the text."""
     a, b = float(score.forward[0]), float(score.reverse[0])
     signed = a**2 + b**2 - (-a - b) ** 2
-    found = [
+    return [
         claim(TEXT, "Vfwd and Vrev of (3.22), (3.23)", f"J = {2 * a * b:.4f} by magnitudes, {signed:.4f} as printed",
               holds=False),
         claim(TEXT, "(3.21)", f"K2 sqrt|dp| at 1 kPa: {1e6 * circuit.segments[1].valve.coefficient * 1e3**0.5:.2f} mL/s "
@@ -128,7 +127,6 @@ def _printed(circuit: Circuit, score: Score) -> list[Entry]:
         compare(TEXT, "source pressure of 12 psi", quantity("12 psi", "Pa")),
         compare(TEXT, "density of water at 23 C", water_density_kg_m3(23.0)),
     ]  # fmt: skip
-    return found
 
 
 def water_density_kg_m3(celsius: float) -> float:
@@ -155,7 +153,7 @@ def _cycle(orbit: Orbit, score: Score, figure: "Drawing") -> None:
     for index, (name, volume) in enumerate(zip(ACTUATORS, orbit.run.at(times).T, strict=True)):
         axes.plot(times, volume, color=plot.COLOURS[index], label=name)
     for first, last in ((0, 1), (2, 3)):
-        part = np.linspace(*score.events_s[0, [first, last]], 100)
+        part = np.linspace(float(score.events_s[0, first]), float(score.events_s[0, last]), 100)
         axes.plot(part, orbit.run.at(part)[:, 1], color=plot.COLOURS[1], linewidth=4)
     published = [table(TEXT).value(f"{name}, {what}", "published") for name, what in EVENTS.items()]
     for name, ours, printed in zip(NAMES, score.events_s[0], published, strict=True):
@@ -170,7 +168,7 @@ def _cycle(orbit: Orbit, score: Score, figure: "Drawing") -> None:
 
 
 def _times(robots: Score, score: Score, figure: "Drawing") -> None:
-    """Draw the phases of robots built with scatter, in the place of the reviewers' readings, which are not published."""
+    """Draw the phases of robots built with scatter, in place of the reviewers' readings, which are not published."""
     axes = plot.axes(figure, ("", ""), ("phase", "ms"))
     pairs = {"forward, tC - tB": (0, 1), "reverse, tF - tE": (2, 3)}
     spread = [1e3 * (robots.events_s[:, last] - robots.events_s[:, first]) for first, last in pairs.values()]
