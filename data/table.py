@@ -18,7 +18,7 @@ _FILE = {"number": str, "title": str, "source": str, "notes": list, "columns": d
 _COLUMN = {"name": str, "meaning": str, "unit": str, "unit_printed": bool}
 
 
-LONG = 60  # characters of a text that stands below its table, not in it
+LONG = 30  # characters of a text that stands below its table, not in it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +76,7 @@ class Table:
     def text(self) -> str:
         """Return the table as printed, then meanings, gaps, source and notes, 100 characters wide."""
         widest = {name: max(len(row[name].printed) for row in self.rows.values()) for name in self.columns}
-        long = [name for name, column in self.columns.items() if not column.unit and widest[name] > LONG]
+        long = [name for name in [*self.columns][1:] if not self.columns[name].unit and widest[name] > LONG]
         columns = {name: column for name, column in self.columns.items() if name not in long}
         units = [f"[{c.unit}{'' if c.unit_printed else '*'}]" if c.unit else "" for c in columns.values()]
         cells = [[row[name].printed for name in columns] for row in self.rows.values()]

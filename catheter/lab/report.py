@@ -102,15 +102,20 @@ def paths(name: str, folder: Path) -> list[Path]:
     return [folder / f"{name}.{ending}" for ending in ("csv", "json", "png")]
 
 
+def writable(folder: Path) -> None:
+    """Make a folder, and those above it, unless it is there. Raises CannotWrite."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CannotWrite(folder, f"cannot be made a folder: {error.strerror}") from error
+
+
 def write(report: Report, folder: Path) -> list[Path]:
     """Write NAME.csv, NAME.png and NAME.json (machine, versions, notes) into a folder; return them.
 
     Files of an earlier run are replaced: ask `paths` first. Raises CannotWrite.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CannotWrite(folder, f"cannot be made a folder: {error.strerror}") from error
+    writable(folder)
     places = paths(report.name, folder)
     with fresh(places[0], replace=True) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)

@@ -43,7 +43,7 @@ def _step(task: Task) -> Entry:
     half = ", ".join(f"{x:g}" for x in np.degrees(found.ties[0]).round(6))
     return told(
         "Table 3.2", "angles on a 0.5 deg grid", "72, -72, -14", half, verdict=DIFFERS,
-        reason="the published optimum is an artefact of the 1 degree step; the continuous one, at 90 deg, is infeasible",
+        reason="the published optimum is an artefact of the 1 degree step; the continuous one is infeasible",
     )  # fmt: skip
 
 

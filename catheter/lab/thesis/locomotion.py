@@ -119,11 +119,11 @@ def _printed(circuit: Circuit, score: Score) -> list[Entry]:
     """Return what (3.21) to (3.24) say as printed, and the constants of the text."""
     a, b = float(score.forward[0]), float(score.reverse[0])
     signed = a**2 + b**2 - (-a - b) ** 2
+    flow = 1e6 * circuit.segments[1].valve.coefficient * 1e3**0.5
     return [
         claim(TEXT, "Vfwd and Vrev of (3.22), (3.23)", f"J = {2 * a * b:.4f} by magnitudes, {signed:.4f} as printed",
               holds=False),
-        claim(TEXT, "(3.21)", f"K2 sqrt|dp| at 1 kPa: {1e6 * circuit.segments[1].valve.coefficient * 1e3**0.5:.2f} mL/s "
-              "either way, into Act 2 only as printed", holds=False),
+        claim(TEXT, "(3.21)", f"valve 2 at 1 kPa: {flow:.2f} mL/s either way, as printed into Act 2 only", holds=False),
         compare(TEXT, "source pressure of 12 psi", quantity("12 psi", "Pa")),
         compare(TEXT, "density of water at 23 C", water_density_kg_m3(23.0)),
     ]  # fmt: skip
