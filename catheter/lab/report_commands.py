@@ -35,6 +35,7 @@ STUDIES = {  # the module of each report; the function has its name, with "_" fo
     "twist-stress": "vision_stress",
     "twist-containers": "container_study",
     "camera-clock": "clock_study",
+    "fuzz": "fuzz",
 }
 
 WITH_PEERS = ("hydraulics", "fem")  # reports that can run other tools beside ours
