@@ -22,6 +22,7 @@ from catheter.lab.fuzz_inputs import FUZZED
 from catheter.lab.report import Progress, Report, Row
 
 MOST_S = 30.0  # for one input: longer is a hang
+AT_ONCE = 300  # inputs for one process: rerun keeps two threads for each blueprint that it ever sent
 MOST_BYTES = 6 << 30  # of address space, where the operating system can limit it
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 MAKES = ("os.rename", "os.link", "os.symlink", "os.mkdir", "os.remove", "os.rmdir")
@@ -74,8 +75,9 @@ def run_kind(kind: str, count: int, first: int = 0) -> Iterator[tuple[int, float
     """
     at, end = first, first + count
     while at < end:
-        with _worker(kind, at, end) as answers:
-            while at < end:
+        stop = min(end, at + AT_ONCE)
+        with _worker(kind, at, stop) as answers:
+            while at < stop:
                 try:
                     line = answers.get(timeout=MOST_S)
                 except Empty:

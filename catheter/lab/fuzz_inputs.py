@@ -46,8 +46,15 @@ TEXTS = ('""', '"\\u0000"', '"\\u001b[31m"', "[]", "{}", '"../../x"', '"1 furlon
 NAMES = ("/force", "/pressure", "/../../x", "/", "", "/a b", "/\x1b[31m", "/" + 3000 * "x", "/camera/top", "/t\u0000",
          "//", "/volume", "/\U0001f9a0", "force", "/drive", "/summary", "/clock/0", "/<b>")  # fmt: skip
 # Shipped scenes are shortened, so that what is tried is their reading and not their length.
-SHORTER = (('"1800 s"', '"20 s"'), ('chirp = "45 s"', 'chirp = "2 s"'), ("levels = 5", "levels = 1"), ('"60 s"', '"2 s"'),
-           ('hold_s = "8 s"', 'hold_s = "0.1 s"'), ('step = "47 mV"', 'step = "0.5 V"'))  # fmt: skip
+SHORTER = (
+    *(('"1800 s"', '"20 s"'), ('"60 s"', '"2 s"'), ('chirp = "45 s"', 'chirp = "2 s"'), ("levels = 5", "levels = 1")),
+    *(
+        ('hold_s = "8 s"', 'hold_s = "0.1 s"'),
+        ('step = "47 mV"', 'step = "0.5 V"'),
+        ('fill_s = "12 s"', 'fill_s = "1 s"'),
+    ),
+    ("[plant]\ncubic", '[drive]\nduration_s = "20 s"\n\n[plant]\ncubic'),
+)
 CLASSES = ("bender", "accumulator", "valve", "cracking", "hysteresis")
 
 

@@ -117,7 +117,8 @@ def _thesis(options: argparse.Namespace, folder: Path) -> Outcome:
         "rows": [vars(entry) for entry in made.entries],
     }
     shown = [str(path) for path in written if path.suffix != ".png"]
-    return Outcome(values, [*thesis_report.parts(made), *shown, f"{len(made.figures)} pictures in {folder / THESIS}"])
+    parts = [*thesis_report.parts(made), *shown, f"{len(made.figures)} pictures in {folder / THESIS}"]
+    return Outcome(values, parts, code=1 if made.unexplained or made.failed else 0)
 
 
 def _gathered(options: argparse.Namespace, folder: Path) -> Outcome:

@@ -53,6 +53,11 @@ class Regenerated:
         return {verdict: found[verdict] for verdict in VERDICTS if found[verdict]}
 
     @property
+    def failed(self) -> list[Entry]:
+        """Entries whose computation failed."""
+        return [entry for entry in self.entries if entry.verdict == FAILED]
+
+    @property
     def unexplained(self) -> list[Entry]:
         """Entries that differ without a reason, which nothing should."""
         return [entry for entry in self.entries if not entry.explained]

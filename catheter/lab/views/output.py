@@ -13,6 +13,7 @@ from typing import Self
 from uuid import uuid4
 
 import rerun as rr
+from rerun_bindings import flush_and_cleanup_orphaned_recordings
 
 from data.files import cannot_write
 
@@ -28,6 +29,7 @@ class Output:
     """
 
     def __init__(self, name: str, path: Path) -> None:
+        flush_and_cleanup_orphaned_recordings()  # rerun keeps two threads for each stream that was ever made
         rr.set_strict_mode(True)  # what rerun would only warn of is an error here
         self.path = path
         self.stream = rr.RecordingStream(f"{name}-{uuid4().hex}")
