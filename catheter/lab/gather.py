@@ -124,7 +124,7 @@ def _make(job: Job, folder: Path, quick: bool, children: _Children) -> Made:
     except ValueError:
         told = {}
     if "rows" not in told:
-        words = str(told.get("error") or err.strip().splitlines()[-1:] or f"ended with code {code}")
+        words = str(told.get("error") or (err.strip().splitlines() or [f"ended with code {code}"])[-1])
         return Made(job=job, rows=0, failed=0, seconds=seconds, why=words[:300], files=())
     failed = sum(bool(row.get("failed")) or row.get("verdict") == "failed" for row in told["rows"])
     files = tuple(told["files"])
