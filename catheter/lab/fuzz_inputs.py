@@ -157,6 +157,28 @@ def _pictures() -> tuple[bytes, ...]:
 
 
 @cache
+def _videos() -> tuple[tuple[str, bytes], ...]:
+    """Return a film of the marker in two containers, with their endings."""
+    import tempfile
+
+    import cv2
+
+    from vision.render import Shot, render
+
+    found = []
+    with tempfile.TemporaryDirectory() as folder:
+        for ending, code in ((".mp4", "mp4v"), (".avi", "MJPG")):
+            path = Path(folder) / f"a{ending}"
+            film = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*code), 30.0, (160, 120))
+            for number in range(6):
+                shot = Shot(width_px=160, height_px=120, middle_px=(80.0, 60.0), pitch_px=40.0, angle_rad=0.1 * number)
+                film.write(cv2.cvtColor(render(shot, np.random.default_rng(1)), cv2.COLOR_GRAY2BGR))
+            film.release()
+            found.append((ending, path.read_bytes()))
+    return tuple(found)
+
+
+@cache
 def _scenes() -> dict[str, str]:
     from catheter.lab.scene import FOLDER
 
@@ -243,10 +265,18 @@ def picture(draw: Draw, folder: Path) -> list[str]:
     return ["twist", str(folder / "in"), "--out", str(folder / "out" / "o.csv")]
 
 
+def video(draw: Draw, folder: Path) -> list[str]:
+    """A damaged video of a marker."""
+    ending, content = _videos()[int(draw.integers(2))]
+    path = _write(folder / "in" / f"v{ending}", damaged(draw, content))
+    return ["twist", path, "--out", str(folder / "out" / "o.csv")]
+
+
 FUZZED: dict[str, Callable[[Draw, Path], list[str]]] = {
     "damaged recordings": recording,
     "hostile recordings": hostile,
     "scenes": scene,
     "logs and mappings": log,
     "pictures": picture,
+    "videos": video,
 }
