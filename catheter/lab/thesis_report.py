@@ -36,7 +36,7 @@ FIGURES = (  # every figure that is to be drawn anew; one that no section draws 
     *(f"6.{n}" for n in range(9, 19)),
     "6.22",
 )
-HEADER = ("place", "quantity", "published", "ours", "off by", "verdict", "why")
+HEADER = ("place", "quantity", "published", "ours", "off by", "verdict [why]")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,10 +124,10 @@ def write(made: Regenerated, folder: Path) -> list[Path]:
         temporary.write_text(json.dumps(about, indent=1), encoding="utf-8")
     from catheter.lab.views import report as view
 
-    shown = rows(made)
+    shown, notes = numbered(made)
     with fresh(view_path, replace=True) as temporary:
         title = "The thesis regenerated, from simulated and published data"
-        view.save(temporary, title, header=HEADER, rows=shown, pictures=pictures)
+        view.save(temporary, title, header=HEADER, rows=shown, notes=notes, pictures=pictures)
     return [table_path, about_path, view_path, *pictures.values()]
 
 
@@ -139,31 +139,23 @@ def _draw(figure: Figure, path: Path) -> None:
     plot.save(drawing, path)
 
 
-def rows(made: Regenerated) -> list[list[str]]:
-    """Return the entries as texts, in the order of HEADER."""
-    return [
-        [
-            *(entry.place, entry.quantity, f"{entry.published} {entry.unit}".strip(), entry.ours),
-            *(_percent(entry.mismatch_percent), entry.verdict, entry.reason),
-        ]
-        for entry in made.entries
-    ]
-
-
-def _percent(value: float) -> str:
-    return "" if math.isnan(value) else f"{value:+.1f} %"
+def numbered(made: Regenerated) -> tuple[list[list[str]], list[str]]:
+    """Return the entries as texts in the order of HEADER, and the reasons they refer to by number, each once."""
+    reasons: dict[str, int] = {}
+    shown = []
+    for entry in made.entries:
+        note = f" [{reasons.setdefault(entry.reason, len(reasons) + 1)}]" if entry.reason else ""
+        published = f"{entry.published} {entry.unit}".strip()
+        off = "" if math.isnan(entry.mismatch_percent) else f"{entry.mismatch_percent:+.1f} %"
+        shown.append([entry.place, entry.quantity, published, entry.ours, off, entry.verdict + note])
+    return shown, [f"[{number}] {reason}" for reason, number in reasons.items()]
 
 
 def parts(made: Regenerated) -> list[Any]:
-    """Return the entries for people: a table with numbers for the reasons, and the reasons below, each once."""
+    """Return the entries for people: a table with numbers for the reasons, the reasons below, and the counts."""
     from catheter.lab.outcome import table
 
-    reasons: dict[str, int] = {}
-    shown = []
-    for place, quantity, published, ours, off, verdict, why in rows(made):
-        note = f"[{reasons.setdefault(why, len(reasons) + 1)}]" if why else ""
-        shown.append([place, quantity, published, ours, off, f"{verdict} {note}".strip()])
-    title = "The thesis regenerated: simulated beside published"
+    shown, notes = numbered(made)
     counts = ", ".join(f"{count} {verdict}" for verdict, count in made.counts.items())
-    notes = [f"[{number}] {reason}" for reason, number in reasons.items()]
-    return [table([*HEADER[:5], "verdict [why]"], shown, title, words=4), *notes, f"{len(made.entries)} rows: {counts}"]
+    whole = table(HEADER, shown, "The thesis regenerated: simulated beside published", words=4)
+    return [whole, *notes, f"{len(made.entries)} rows: {counts}"]
