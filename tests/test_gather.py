@@ -28,7 +28,7 @@ def test_what_cannot_be_made_is_a_row_with_the_reason(tmp_path: Path, monkeypatc
     assert "no-such" in wrong.why
     monkeypatch.setattr(gather, "MOST_S", 600.0)
     (made,) = gather.gather([Job(name="valves", kind="error-vs-time")], tmp_path, quick=True, progress=told.append)
-    assert (made.why, made.rows, made.failed) == ("", 8, 0)
+    assert (made.why, made.rows, made.failures) == ("", 8, ())
     assert told[-1] == 1.0
     paths = gather.write_index([slow, wrong, made], tmp_path)
     with paths[0].open(newline="") as file:
@@ -39,6 +39,16 @@ def test_what_cannot_be_made_is_a_row_with_the_reason(tmp_path: Path, monkeypatc
     assert all(Path(path).is_file() for path in listed["files"])
     assert all(str(tmp_path / "error-vs-time") in path for path in listed["files"])
     assert paths[2].stat().st_size > 10_000  # the picture is in it
+
+
+def test_a_row_that_failed_is_told_and_one_without_words_is_found() -> None:
+    row = {"method": "m", "level": "1", "error": 0.5, "seconds": 1.0, "failed": ""}
+    assert gather._failure(row) == ""
+    assert gather._failure(row | {"error": None, "failed": "refused: too stiff"}) == "m, 1: refused: too stiff"
+    assert gather._failure(row | {"error": None}).endswith(gather.UNEXPLAINED)
+    entry = {"place": "p", "quantity": "q", "verdict": "failed", "reason": "ValueError: x"}
+    assert gather._failure(entry) == "p, q: ValueError: x"
+    assert gather._failure(entry | {"verdict": "differs"}) == ""
 
 
 def test_an_interruption_ends_what_runs(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from catheter.lab.report import Progress, machine, writable
 from data.files import fresh
 
 INDEX = "index"
+UNEXPLAINED = "no error, and no word why"
 MOST_S = 1800.0  # of one report; --quick: a tenth
 HEADER = ("report", "kind", "rows", "failed", "seconds", "outcome")
 
@@ -34,11 +35,11 @@ class Job:
 
 @dataclass(frozen=True, kw_only=True)
 class Made:
-    """What became of a report: its rows, those of them that failed and say why, seconds; `why` there is none, or ""."""
+    """What became of a report: how many rows, what each row that failed says, seconds; `why` there is none, or ""."""
 
     job: Job
     rows: int
-    failed: int
+    failures: tuple[str, ...]
     seconds: float
     why: str
     files: tuple[str, ...]
@@ -47,7 +48,7 @@ class Made:
     def cells(self) -> list[str]:
         """Return what the index shows, in the order of HEADER."""
         told = self.why or "made"
-        return [self.job.name, self.job.kind, str(self.rows), str(self.failed), f"{self.seconds:.1f}", told]
+        return [self.job.name, self.job.kind, str(self.rows), str(len(self.failures)), f"{self.seconds:.1f}", told]
 
 
 class _Children:
@@ -125,10 +126,29 @@ def _make(job: Job, folder: Path, quick: bool, children: _Children) -> Made:
         told = {}
     if "rows" not in told:
         words = str(told.get("error") or (err.strip().splitlines() or [f"ended with code {code}"])[-1])
-        return Made(job=job, rows=0, failed=0, seconds=seconds, why=words[:300], files=())
-    failed = sum(bool(row.get("failed")) or row.get("verdict") == "failed" for row in told["rows"])
+        return Made(job=job, rows=0, failures=(), seconds=seconds, why=words[:300], files=())
+    failures = tuple(filter(None, map(_failure, told["rows"])))
     files = tuple(told["files"])
-    return Made(job=job, rows=len(told["rows"]), failed=failed, seconds=seconds, why="", files=files)
+    return Made(job=job, rows=len(told["rows"]), failures=failures, seconds=seconds, why="", files=files)
+
+
+def _failure(row: Mapping[str, Any]) -> str:
+    """Return what a row that failed says of itself, "" for one that did not; one without words is said to be."""
+    if "verdict" in row:  # of the thesis
+        return f"{row['place']}, {row['quantity']}: {row['reason']}" if row["verdict"] == "failed" else ""
+    where = f"{row['method']}, {row['level']}"
+    if row["failed"]:
+        return f"{where}: {row['failed']}"
+    return f"{where}: {UNEXPLAINED}" if row["error"] is None else ""  # JSON's null is a number that is none
+
+
+def _listed(made: Made) -> dict[str, Any]:
+    return dict(zip(HEADER, made.cells, strict=True)) | {"failures": made.failures, "files": made.files}
+
+
+def failures(found: Sequence[Made]) -> list[str]:
+    """Return what every row that failed says, after its report's name."""
+    return [f"{made.job.name}: {text}" for made in found for text in made.failures]
 
 
 def index_paths(folder: Path) -> list[Path]:
@@ -146,7 +166,7 @@ def write_index(found: Sequence[Made], folder: Path) -> list[Path]:
     with fresh(table_path, replace=True) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([HEADER, *rows])
     with fresh(about_path, replace=True) as temporary:
-        listed = [dict(zip(HEADER, made.cells, strict=True)) | {"files": made.files} for made in found]
+        listed = [_listed(made) for made in found]
         temporary.write_text(json.dumps({"reports": listed, **machine()}, indent=1), encoding="utf-8")
     pictures = {
         f"{made.job.kind}, {Path(path).stem}": Path(path)
@@ -155,5 +175,5 @@ def write_index(found: Sequence[Made], folder: Path) -> list[Path]:
         if path.endswith(".png")
     }
     with fresh(view_path, replace=True) as temporary:
-        view.save(temporary, "Reports", header=HEADER, rows=rows, pictures=pictures)
+        view.save(temporary, "Reports", header=HEADER, rows=rows, notes=failures(found), pictures=pictures)
     return [table_path, about_path, view_path]

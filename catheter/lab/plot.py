@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -79,13 +79,3 @@ def work_precision(figure: "Figure", rows: "Sequence[Row]", *, error: str, title
 def save(figure: "Figure", path: Path) -> None:
     """Write a figure to `path` as PNG, whatever its ending. Raises OSError for the place."""
     figure.savefig(path, format="png", dpi=DPI)
-
-
-def span(values: Any) -> tuple[float, float]:
-    """Return limits that hold all finite values with a margin of 4 %, for axes that must be alike."""
-    import numpy as np
-
-    sound = np.asarray(values, dtype=np.float64)
-    low, high = float(np.nanmin(sound)), float(np.nanmax(sound))
-    margin = 0.04 * (high - low) or 1.0
-    return low - margin, high + margin

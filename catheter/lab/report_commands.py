@@ -138,17 +138,21 @@ def _gathered(options: argparse.Namespace, folder: Path) -> Outcome:
         found = gather.gather(jobs, folder, quick=options.quick, progress=advance)
         written = gather.write_index(found, folder)
     missing = [made.job.name for made in found if made.why]
-    failed = sum(made.failed for made in found)
-    notes = [f"{len(found) - len(missing)} of {len(found)} reports made; {failed} of their rows failed, each says why."]
+    failed = gather.failures(found)
+    unexplained = [text for text in failed if text.endswith(gather.UNEXPLAINED)]
+    notes = [f"{len(found) - len(missing)} of {len(found)} reports made. Rows that failed or were refused:"]
+    notes += [*(f"- {text}" for text in failed), f"{len(failed)} in all, {len(unexplained)} of them unexplained."]
     notes += ["Several ran at once: times are indicative."] if options.quick else []
     values = {
         "report": options.name,
         "files": [str(path) for path in written],
         "missing": missing,
+        "failures": failed,
+        "unexplained": unexplained,
         "rows": [dict(zip(gather.HEADER, made.cells, strict=True)) for made in found],
     }
     shown = table(gather.HEADER, [made.cells for made in found], "Reports", words=2)
-    return Outcome(values, [shown, *notes, *map(str, written)], code=1 if missing else 0)
+    return Outcome(values, [shown, *notes, *map(str, written)], code=1 if missing or unexplained else 0)
 
 
 def _made(options: argparse.Namespace, advance: Callable[[float], None]) -> "Report":
