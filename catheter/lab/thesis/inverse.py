@@ -16,7 +16,7 @@ ONLY_DRAWN = "published as a picture only; wrap angle and pressures are not prin
 
 
 def inverse(*, quick: bool) -> Section:
-    """Return the numbers of chapter 6 that a forward solution or arithmetic gives; to 20 kPa for `quick`."""
+    """Return the numbers of chapter 6 that a forward solution or arithmetic gives; at 10 kPa for `quick`."""
     shape = Shape()
     outer, inner = shape.outer_radius, shape.outer_radius - shape.wall
     wall = outer**2 - inner**2
@@ -31,7 +31,7 @@ def inverse(*, quick: bool) -> Section:
             compare(TEXT, "hoop stress at the bore of (6.29) over P", (outer**2 + inner**2) / wall),
             compare(TEXT, "radial stress at the bore of (6.29) over P", -1.0),
             compare(TEXT, "first inner edge of Algorithm 4", float(np.mean(c1))),
-            *_forward((10e3, 20e3) if quick else (20e3, 50e3, 100e3), quick=quick),
+            *_forward((10e3,) if quick else (20e3, 50e3, 100e3), quick=quick),
         ]
     )
 
