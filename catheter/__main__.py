@@ -2,8 +2,11 @@
 
 import importlib.util
 import os
+import signal
 import sys
+from contextlib import suppress
 from pathlib import Path
+from typing import NoReturn
 
 PACKAGES = ("data", "sysid", "vision", "fem")
 
@@ -25,6 +28,11 @@ def namesakes() -> list[str]:
     return found
 
 
+def _terminated(*_: object) -> NoReturn:
+    """End as after an error, so that unfinished outputs are removed."""
+    sys.exit(128 + signal.SIGTERM)
+
+
 def main() -> int:
     """Run the command line and return its exit code."""
     hidden = namesakes()
@@ -33,6 +41,8 @@ def main() -> int:
         return 2
     sys.stderr = sys.stderr or Path(os.devnull).open("w")  # noqa: SIM115, as long as we run
     sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115, as long as we run
+    with suppress(ValueError):  # not in the main thread: whoever runs us there answers signals
+        signal.signal(signal.SIGTERM, _terminated)
     try:
         from catheter.lab.cli import run
 

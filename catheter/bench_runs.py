@@ -18,6 +18,7 @@ from data.options import option
 from data.signal import Array
 from sysid.excitation import Chirp, Ramp, Sine, Staircase, Steps
 
+MOST_RAMP = 25_000_000  # samples of one of the two ramps over a cracking valve
 UNCONSTRAINED = Plant(slip_ml=(), stiffness=(), pressure_stiffness=())
 CONSTRAINED = Plant(
     cubic=6.52e-4, square=0.0, inertia=0.0, constant=2.42e-3, slip_ml=(), stiffness=(), pressure_stiffness=()
@@ -163,9 +164,10 @@ def cracking(drive: PressureRamp, valve: ConeValve, sensors: Sensors) -> BenchRu
     from data.table import table
 
     limits = [table("3.5").value(valve.valve, name) for name in ("forward", "reverse")]
-    samples = int(drive.seconds * sensors.rate)
-    if samples < 100:
-        raise BadInput("[drive] seconds", f"{samples} samples a ramp", "expected at least 100")
+    wanted = drive.seconds * sensors.rate
+    if not 100 <= wanted <= MOST_RAMP:
+        raise BadInput("[drive] seconds", f"{wanted:g} samples a ramp", f"expected 100 to {MOST_RAMP:g}")
+    samples = int(wanted)
     triangle = 1 - np.abs(np.linspace(-1, 1, 2 * samples))
     drop = np.concatenate([sign * drive.overshoot * p * triangle for sign, p in zip((1, -1), limits, strict=True)])
     limit = np.repeat(limits, 2 * samples)

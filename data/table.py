@@ -18,6 +18,9 @@ _FILE = {"number": str, "title": str, "source": str, "notes": list, "columns": d
 _COLUMN = {"name": str, "meaning": str, "unit": str, "unit_printed": bool}
 
 
+LONG = 30  # characters of a text that stands below its table, not in it
+
+
 @dataclass(frozen=True, kw_only=True)
 class Column:
     """One column: `unit` is "" for text and "undocumented" where it is neither printed nor inferred."""
@@ -72,22 +75,27 @@ class Table:
 
     def text(self) -> str:
         """Return the table as printed, then meanings, gaps, source and notes, 100 characters wide."""
-        units = [f"[{c.unit}{'' if c.unit_printed else '*'}]" if c.unit else "" for c in self.columns.values()]
-        grid = [[*self.columns], units, *([cell.printed for cell in row.values()] for row in self.rows.values())]
+        widest = {name: max(len(row[name].printed) for row in self.rows.values()) for name in self.columns}
+        long = [name for name in [*self.columns][1:] if not self.columns[name].unit and widest[name] > LONG]
+        columns = {name: column for name, column in self.columns.items() if name not in long}
+        units = [f"[{c.unit}{'' if c.unit_printed else '*'}]" if c.unit else "" for c in columns.values()]
+        cells = [[row[name].printed for name in columns] for row in self.rows.values()]
+        grid = [[*columns], units, *cells]
         widths = [max(map(len, entries)) for entries in zip(*grid, strict=True)]
         pads = [str.rjust if unit else str.ljust for unit in units]
         lines = ["  ".join(map(lambda pad, *entry: pad(*entry), pads, line, widths)).rstrip() for line in grid]
         below = [f"{column.name}: {column.meaning}" for column in self.columns.values()]
         below += ["* this unit is not printed in the thesis"] * any("*" in unit for unit in units)
         below += [f"{a}, {b}: {cell.lack}" for a, row in self.rows.items() for b, cell in row.items() if cell.lack]
+        below += [f"{a}: {row[name].printed}" for name in long for a, row in self.rows.items() if row[name].printed]
         below += [f"Source: {self.source}", *(f"- {note}" for note in self.notes)]
         wrapped = [line for paragraph in below for line in wrap(paragraph, 100, subsequent_indent="  ")]
         return "\n".join([f"Table {self.number}: {self.title}", "", *lines, "", *wrapped])
 
 
 def tables() -> list[str]:
-    """Return the numbers of the tables in order: ["3.1", "3.2", ...]."""
-    return sorted(path.name.split("_")[0] for path in _FOLDER.glob("[0-9].[0-9]_*.toml"))
+    """Return the numbers of the tables in order: ["3.1", "3.2", ...]; "3.text" holds the numbers of a text."""
+    return sorted(path.name.split("_")[0] for path in _FOLDER.glob("[0-9].*_*.toml"))
 
 
 def table(number: str) -> Table:

@@ -318,6 +318,21 @@ def test_wrong_arguments_are_one_sentence_too(tmp_path: Path) -> None:
     assert done.stdout.startswith('{"error"')
 
 
+@pytest.mark.parametrize("seconds", [1e308, 1e9, 1e-3])
+def test_a_ramp_too_long_or_too_short_to_sample_is_refused(seconds: float) -> None:
+    from catheter.bench_runs import ConeValve, PressureRamp, Sensors, cracking
+
+    with pytest.raises(BadInput, match=r"\[drive\] seconds: .* samples a ramp"):
+        cracking(PressureRamp(seconds=seconds), ConeValve(), Sensors(rate=500.0))
+
+
+def test_no_error_prints_a_control_character(capsys) -> None:
+    code, _, err = run(capsys, "replay", "\x1b[31m\x00.mcap")
+    assert code == 2
+    assert err.endswith(".mcap: cannot be read: embedded null byte; name a file\n")
+    assert err.removesuffix("\n").isprintable()
+
+
 def test_noise_that_overflows_is_refused() -> None:
     with pytest.raises(BadInput, match="not finite"):
         simulate(Schedule(levels=1, chirp=0.0), Bench(), Plant(), Noise(force=1e300, force_step=1e-9))

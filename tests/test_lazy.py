@@ -58,6 +58,56 @@ def test_only_what_is_needed_is_loaded(code: str, allowed: set[str]) -> None:
     assert loaded(code) & HEAVY <= allowed
 
 
+OPTIONS = {"catheter", "data", "numpy"}  # what every scene is read with
+PINT = {"pint", "flexcache", "flexparser", "platformdirs", "typing_extensions", "scipy", "cython_runtime"}
+BENCH = OPTIONS | PINT | {"sysid"}  # sysid: the test signals
+SCENES = {  # every package, the project's and others', that reading a shipped scene loads
+    "accumulator": BENCH,
+    "bender": OPTIONS | PINT,
+    "chirp": BENCH,
+    "chirp_constrained": BENCH,
+    "cone": OPTIONS,
+    "cracking": BENCH,
+    "free": OPTIONS | PINT,
+    "locomotion": OPTIONS | PINT,
+    "ramp": BENCH,
+    "staircase": BENCH,
+    "twist": OPTIONS | PINT,
+    "valve": BENCH,
+}
+OWN = {  # and the modules of the robot it loads: no scene knows what another is about
+    "accumulator": {"actuator", "bench", "bench_runs"},
+    "bender": {"bench"},
+    "cone": {"free", "valve"},
+    "free": {"free", "helix", "refine", "robot", "task"},
+    "locomotion": {"circuit", "drive", "free", "helix", "hydraulics", "periodic", "robot", "task", "tuning"},
+    "twist": {"inflatable"},
+}
+
+
+def test_a_scene_loads_its_own_instruments_only() -> None:
+    from concurrent.futures import ThreadPoolExecutor
+
+    from catheter.lab.scene import names
+
+    def packages(name: str) -> tuple[set[str], set[str]]:
+        code = f"from catheter.lab.scene import Scene; Scene.load({name!r})"
+        script = f"import sys\n{code}\nprint(*sys.modules)"
+        done = subprocess.run([sys.executable, "-c", script], cwd="/", capture_output=True, text=True, check=True)
+        modules = done.stdout.split()
+        tops = {module.partition(".")[0] for module in modules} - set(sys.stdlib_module_names)
+        own = {module.split(".")[1] for module in modules if module.startswith("catheter.")} - {"lab"}
+        return {top for top in tops if not top.startswith("_")}, own
+
+    assert names() == sorted(SCENES)  # a new scene is listed here
+    with ThreadPoolExecutor(2) as pool:
+        found = dict(zip(SCENES, pool.map(packages, SCENES), strict=True))
+    for name, (loaded_packages, own) in found.items():
+        assert loaded_packages <= SCENES[name], name  # fewer where pint finds less installed
+        assert loaded_packages & {"sysid", "vision", "fem"} == SCENES[name] & {"sysid", "vision", "fem"}, name
+        assert own == OWN.get(name, OWN["accumulator"]), name
+
+
 def test_the_instruments_do_not_know_the_robot_nor_each_other() -> None:
     assert not loaded("import sysid.fit") & {"catheter", "vision", "fem"}
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from catheter.lab import cli
+from catheter.lab import cli, plot
 from catheter.lab.report import Report, Row, machine, measure, write
 from data.errors import CatheterError
 
@@ -40,6 +40,20 @@ def test_a_report_is_csv_picture_and_what_it_was_made_on(tmp_path: Path) -> None
     picture = cv2.imread(str(paths[".png"]))
     assert picture.std() > 10  # not blank
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["r.csv", "r.json", "r.png"]
+
+
+def test_error_over_run_time_is_drawn_on_two_logarithmic_axes_with_units() -> None:
+    rows = [Row(method="a", level=f"{n}", error=10.0**-n, seconds=0.1 * n) for n in (1, 2, 3)]
+    rows.append(Row(method="a", level="4", error=float("nan"), seconds=0.1, failed="failed: too stiff"))
+    figure = plot.sheet("title", "simulated")
+    axes = plot.work_precision(figure, rows, error="relative error")
+    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("run time [s]", "relative error")
+    assert axes.lines[0].get_ydata().tolist() == [0.1, 0.01, 0.001]  # what failed has no point
+    assert figure.get_suptitle() == "simulated: title"
+    exact = [*rows, Row(method="b", level="1", error=0.0, seconds=1.0)]
+    assert plot.work_precision(plot.sheet("t"), exact, error="e").get_yscale() == "symlog"  # 0 is on it
+    assert plot.label("force", "N") == "force [N]"
 
 
 def test_the_machine_is_named() -> None:

@@ -17,7 +17,6 @@ import cv2
 import numpy as np
 import psutil
 import pytest
-import rerun as rr
 import rerun.blueprint as rrb
 from helpers import ROOT, SIMULATED
 from rerun.chunk import RrdReader
@@ -28,6 +27,7 @@ from catheter.lab.views.clocks import Clocks
 from catheter.lab.views.labels import ticks
 from catheter.lab.views.layout import _Pages
 from catheter.lab.views.loops import MOST_PLACES, Axis
+from catheter.lab.views.output import Output
 from catheter.lab.views.picture import save_picture
 from catheter.lab.views.plots import Line, plot
 from catheter.lab.views.replay import save
@@ -547,12 +547,11 @@ def test_a_picture_shows_something_in_every_part(shown: Shown, tmp_path: Path) -
 @pytest.mark.viewer
 @needs_driver
 def test_a_view_that_fails_is_not_photographed(tmp_path: Path) -> None:
-    clocks, stream = Clocks(), rr.RecordingStream("broken")
+    clocks = Clocks()
     there = clocks.add("Signal", "/force", T, N)
-    stream.save(tmp_path / "a.rrd")
-    clocks.send(stream, lambda: None)
     missing = replace(there, component="Signal:/none")
-    stream.send_blueprint(rrb.Blueprint(plot("broken", [Line(missing, "none", (255, 0, 0))])))
-    stream.disconnect()
+    with Output("broken", tmp_path / "a.rrd") as output:
+        clocks.send(output, lambda: None)
+        output.stream.send_blueprint(rrb.Blueprint(plot("broken", [Line(missing, "none", (255, 0, 0))])))
     with pytest.raises(CatheterError, match=r"view 'broken'.*Signal:/none"):
         save_picture(tmp_path / "a.rrd", tmp_path / "a.png", size=(400, 300))

@@ -11,6 +11,7 @@ from contextlib import suppress
 from importlib import import_module
 from typing import Any, NoReturn
 
+from catheter.lab.outcome import printable
 from data.errors import BadInput, CatheterError, RecordingCut
 
 COMMANDS = {  # what each is for, and the module that does it: NAME_options(parser) and NAME_(options)
@@ -72,7 +73,7 @@ def run(arguments: list[str]) -> int:
         with suppress(OSError, ValueError):  # nowhere to say it: the exit code must do
             if debug:
                 traceback.print_exc()
-            print(f"error: {text}", file=sys.stderr)
+            print(f"error: {printable(text)}", file=sys.stderr)
             if json_wanted:
                 print(json.dumps({"error": text}), flush=True)
         return code
@@ -103,10 +104,10 @@ def _run(options: argparse.Namespace) -> int:
     sys.stdout.flush()
     cuts = {str(warning.message) for warning in caught if issubclass(warning.category, RecordingCut)}
     for text in cuts:
-        print(f"error: {text}; what came before the cut was used", file=sys.stderr)
+        print(f"error: {printable(text)}; what came before the cut was used", file=sys.stderr)
     for warning in caught:
         if not issubclass(warning.category, RecordingCut):
-            print(f"warning: {warning.message}", file=sys.stderr)
+            print(f"warning: {printable(str(warning.message))}", file=sys.stderr)
     return 2 if cuts else outcome.code
 
 

@@ -30,7 +30,7 @@ print("\\n", code, time.perf_counter() - started, 1024 * int(peak[1]) if peak el
 
 def twist_containers(*, quick: bool, progress: Progress) -> Report:
     """A turning marker of 200 px, past 180 degrees both ways, filmed once and stored four ways."""
-    seconds = (2.0, 4.0) if quick else (20.0, 60.0)
+    seconds = (1.0, 2.0) if quick else (20.0, 60.0)
     rows, notes = [], []
     with tempfile.TemporaryDirectory() as folder:
         for done, duration_s in enumerate(seconds):

@@ -72,6 +72,10 @@ def replay_(options: argparse.Namespace) -> Outcome:
         raise BadInput("--picture", f"is {picture}, as --out", "name two files")
     with Recording(source) as recording:
         replayed = Replay(recording, _ask(options, recording))
+        with progress("signals, loops, models") as advance:
+            for done, stage in enumerate(("signals", "loops", "models"), start=1):
+                getattr(replayed, stage)
+                advance(done / 3)
         outcome = Outcome(replay_values(replayed))
         outcome.parts = list(replay_parts(replayed))
         if not options.no_view:

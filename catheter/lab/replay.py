@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 INPUTS = ("/volume", "/stroke")
 RESPONSES = ("/force", "/pressure")
 HELPERS = ("/pressure",)
+MOST_SAMPLES = 400_000  # of one topic that are kept: a longer one is thinned, and `left_out` says so
+MOST_NUMBERS = 20_000_000  # of all topics together
 
 
 @dataclass(frozen=True)
@@ -167,14 +169,37 @@ class Replay:
     def _components(self, name: str, topic: Topic) -> dict[str, Signal]:
         """Return a topic's components as signals of their own; read once where they share a unit."""
         if len(topic.components) == 1:
-            return {name: self.recording.signal(name)}
+            return {name: self._read(name)}
         if len(set(topic.units)) > 1:
-            return {f"{name}:{one}": self.recording.signal(name, one) for one in topic.components}
-        whole = self.recording.signal(name)
+            return {f"{name}:{one}": self._read(name, one) for one in topic.components}
+        whole = self._read(name)
         return {
             f"{name}:{one}": replace(whole, value=whole.value[:, i], components=(), name=f"{name}:{one}")
             for i, one in enumerate(topic.components)
         }
+
+    def _read(self, name: str, component: str | None = None) -> Signal:
+        """Return a topic's numbers; of a very long one every second, third ... sample, read piece by piece."""
+        count, stride = self.recording.channels[name].messages, self._stride(name)
+        if stride == 1:
+            return self.recording.signal(name, component)
+        text = f"{name}: {stride - 1} of {stride} samples: it has {count:,}, more than a replay holds; `fit` uses all"
+        if text not in self.left_out:
+            self.left_out.append(text)
+        times, values, skip = [], [], 0
+        for part in self.recording.blocks(name, component):
+            times.append(part.time_s[skip::stride])
+            values.append(part.value[skip::stride])
+            skip = (skip - len(part)) % stride
+        label = name if component is None else f"{name}:{component}"
+        return replace(part, time_s=np.concatenate(times), value=np.concatenate(values), name=label)
+
+    def _stride(self, name: str) -> int:
+        """Return which share of a topic's samples is kept: one in this many."""
+        channels = [c for c in self.recording.channels.values() if not (c.unreadable or c.topic.is_camera)]
+        numbers = sum(channel.messages * len(channel.topic.components) for channel in channels)
+        longest = self.recording.channels[name].messages
+        return max(1, -(-longest // MOST_SAMPLES), min(longest, -(-numbers // MOST_NUMBERS)))
 
     def _recorded_ask(self) -> Ask:
         try:

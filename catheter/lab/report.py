@@ -102,15 +102,20 @@ def paths(name: str, folder: Path) -> list[Path]:
     return [folder / f"{name}.{ending}" for ending in ("csv", "json", "png")]
 
 
+def writable(folder: Path) -> None:
+    """Make a folder, and those above it, unless it is there. Raises CannotWrite."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CannotWrite(folder, f"cannot be made a folder: {error.strerror}") from error
+
+
 def write(report: Report, folder: Path) -> list[Path]:
     """Write NAME.csv, NAME.png and NAME.json (machine, versions, notes) into a folder; return them.
 
     Files of an earlier run are replaced: ask `paths` first. Raises CannotWrite.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CannotWrite(folder, f"cannot be made a folder: {error.strerror}") from error
+    writable(folder)
     places = paths(report.name, folder)
     with fresh(places[0], replace=True) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
@@ -125,29 +130,11 @@ def write(report: Report, folder: Path) -> list[Path]:
 
 
 def _draw(report: Report, path: Path) -> None:
-    from matplotlib.figure import Figure
+    from catheter.lab import plot
 
-    figure = Figure(figsize=(8, 5.5), layout="constrained")
+    figure = plot.sheet("" if report.draw is None else report.title)
     if report.draw:
         report.draw(figure)
     else:
-        _plot_errors(report, figure)
-    figure.savefig(path, format="png", dpi=130)
-
-
-def _plot_errors(report: Report, figure: Any) -> None:
-    axes = figure.add_subplot()
-    methods = list(dict.fromkeys(row.method for row in report.rows))
-    figure.set_size_inches(8, 5 + 0.12 * len(methods))
-    for index, method in enumerate(methods):
-        rows = [row for row in report.rows if row.method == method and math.isfinite(row.error)]
-        style = {"marker": "osD^v<>pXh"[index % 10], "linestyle": ("-", "--", ":")[index // 10 % 3]}
-        axes.loglog([r.seconds for r in rows], [r.error for r in rows], label=method, **style)
-    if any(row.error == 0 for row in report.rows):  # exact answers have no place on a logarithmic axis
-        least = min((row.error for row in report.rows if row.error > 0), default=1.0)
-        axes.set_yscale("symlog", linthresh=least)
-    axes.set_xlabel("seconds")
-    axes.set_ylabel(report.error)
-    axes.set_title(report.title, fontsize=10, parse_math=False)
-    axes.grid(visible=True, which="both", alpha=0.3)
-    figure.legend(loc="outside lower center", ncols=2, fontsize=8)
+        plot.work_precision(figure, report.rows, error=report.error, title=report.title)
+    plot.save(figure, path)

@@ -39,15 +39,29 @@ STUDIES = {  # the module of each report; the function has its name, with "_" fo
     "twist-stress": "vision_stress",
     "twist-containers": "container_study",
     "camera-clock": "clock_study",
+    "fuzz": "fuzz",
+}
+
+WITH_PEERS = ("hydraulics", "fem")  # reports that can run other tools beside ours
+STABILITY = ("damage", "fuzz", "twist-stress")  # beside all that end with "-stability"
+THESIS = "thesis"
+GATHERED = {  # reports of reports, and the kinds they hold
+    "error-vs-time": ("error-vs-time",),
+    "stability": ("stability",),
+    "all": (THESIS, "error-vs-time", "stability"),
 }
 
 
-WITH_PEERS = ("hydraulics", "fem")  # reports that can run other tools beside ours
+def kind_of(name: str) -> str:
+    """Return what kind of report a name is: thesis, error-vs-time or stability."""
+    if name == THESIS:
+        return THESIS
+    return "stability" if name.endswith("-stability") or name in STABILITY else "error-vs-time"
 
 
 def report_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `report`."""
-    parser.add_argument("name", choices=STUDIES, help="which report")
+    parser.add_argument("name", choices=[*STUDIES, THESIS, *GATHERED], help="which report")
     parser.add_argument("--recording", metavar="FILE.mcap", help="for hysteresis: judge on this recording")
     parser.add_argument("--out", metavar="FOLDER", default="out", help="the folder to write to (default: out)")
     parser.add_argument("--force", action="store_true", help="overwrite an earlier report")
@@ -65,6 +79,10 @@ def report_(options: argparse.Namespace) -> Outcome:
     from catheter.lab import report
 
     folder = Path(options.out)
+    if options.name in GATHERED:
+        return _gathered(options, folder)
+    if options.name == THESIS:
+        return _thesis(options, folder)
     for path in report.paths(options.name, folder):
         check_inputs(path, Path(options.recording or SHIPPED))
         check_free(path, options.force) if folder.exists() else None
@@ -76,6 +94,69 @@ def report_(options: argparse.Namespace) -> Outcome:
         {"report": made.name, "files": [str(path) for path in written], "rows": [vars(r) for r in made.rows]},
         [table(["method", made.level, made.error, "seconds"], rows, made.title), *made.notes, *map(str, written)],
     )
+
+
+def _plain(options: argparse.Namespace) -> None:
+    """Raise BadInput for options that are for single studies."""
+    if options.recording is not None:
+        raise BadInput("--recording", f"given for the {options.name} report", "it makes its own data")
+
+
+def _thesis(options: argparse.Namespace, folder: Path) -> Outcome:
+    from catheter.lab import thesis_report
+
+    _plain(options)
+    if options.peers:
+        raise BadInput("--peers", f"given for the {options.name} report", f"only {', '.join(WITH_PEERS)} can take it")
+    for path in (*thesis_report.places(folder), folder / THESIS):
+        if path.exists() and not options.force:
+            check_free(path)
+    with progress(options.name) as advance:
+        made = thesis_report.regenerate(quick=options.quick, progress=advance)
+        written = thesis_report.write(made, folder)
+    values = {
+        "report": options.name,
+        "files": [str(path) for path in written],
+        "counts": made.counts,
+        "rows": [vars(entry) for entry in made.entries],
+    }
+    shown = [str(path) for path in written if path.suffix != ".png"]
+    parts = [*thesis_report.parts(made), *shown, f"{len(made.figures)} pictures in {folder / THESIS}"]
+    return Outcome(values, parts, code=1 if made.unexplained or made.failed else 0)
+
+
+def _gathered(options: argparse.Namespace, folder: Path) -> Outcome:
+    """Make the reports of one kind, or all; exit code 1 when one could not be made."""
+    from catheter.lab import gather
+
+    _plain(options)
+    for path in gather.index_paths(folder):
+        check_free(path, options.force) if folder.exists() else None
+    with_peers = ("--peers",) if options.peers else ()
+    jobs = [
+        gather.Job(name=name, kind=kind_of(name), options=with_peers if name in WITH_PEERS else ())
+        for name in (THESIS, *STUDIES)
+        if kind_of(name) in GATHERED[options.name]
+    ]
+    with progress(options.name) as advance:
+        found = gather.gather(jobs, folder, quick=options.quick, progress=advance)
+        written = gather.write_index(found, folder)
+    missing = [made.job.name for made in found if made.why]
+    failed = gather.failures(found)
+    unexplained = [text for text in failed if text.endswith(gather.UNEXPLAINED)]
+    notes = [f"{len(found) - len(missing)} of {len(found)} reports made. Rows that failed or were refused:"]
+    notes += [*(f"- {text}" for text in failed), f"{len(failed)} in all, {len(unexplained)} of them unexplained."]
+    notes += ["Several ran at once: times are indicative."] if options.quick else []
+    values = {
+        "report": options.name,
+        "files": [str(path) for path in written],
+        "missing": missing,
+        "failures": failed,
+        "unexplained": unexplained,
+        "rows": [dict(zip(gather.HEADER, made.cells, strict=True)) for made in found],
+    }
+    shown = table(gather.HEADER, [made.cells for made in found], "Reports", words=2)
+    return Outcome(values, [shown, *notes, *map(str, written)], code=1 if missing or unexplained else 0)
 
 
 def _made(options: argparse.Namespace, advance: Callable[[float], None]) -> "Report":

@@ -26,11 +26,12 @@ def valves(*, quick: bool, progress: Progress) -> Report:
             for c in found
         ],
         notes=[f"{c.text}: {c.table}" + "".join(f"\n    {cell}" for cell in c.against) for c in found],
-        draw=_draw_valves,
+        draw=draw_ratio,
     )
 
 
-def _draw_valves(figure: Any) -> None:
+def draw_ratio(figure: Any) -> None:
+    """Draw the map of Prev/Pfwd - 1 (thesis Fig 3.20) on a matplotlib figure."""
     known = measured()
     angle = np.linspace(known.angle_rad[0], known.angle_rad[-1], 201)
     thick = np.linspace(known.thickness_m[0], known.thickness_m[-1], 121)

@@ -16,7 +16,7 @@ from vision.render import render
 
 def twist_stress(quick: bool, progress: Progress) -> Report:
     """One disturbance at a time at its extreme, all at half strength, cut and absent markers, QR codes."""
-    count = 25 if quick else 1000
+    count = 8 if quick else 1000
     rows, notes = [], []
     for at, case in enumerate(STRESSES):
         tally = _stressed(case, count, np.random.default_rng(100 + at))
@@ -25,7 +25,7 @@ def twist_stress(quick: bool, progress: Progress) -> Report:
         worst = f"; rms {tally.rms:.4f}, worst {max(map(abs, tally.errors)):.4f} deg" if tally.errors else ""
         notes.append(f"{case.name}: missed {len(tally.missed)} of {count} ({must}), wrong {tally.wrong}{worst}.")
         progress((at + 1) / (len(STRESSES) + 1))
-    row, note = _codes(20 if quick else 500)
+    row, note = _codes(8 if quick else 500)
     progress(1.0)
     return Report(
         name="twist-stress",

@@ -24,7 +24,7 @@ TILTED = ("x", "y", "pitch_px", "size", "blur_px", "card_grey", "ink_grey", "til
 
 def twist(quick: bool, progress: Progress) -> Report:
     """Angle accuracy of several methods beside the Cramer-Rao bound, speed, and sizes of pictures."""
-    count = 40 if quick else 500
+    count = 15 if quick else 500
     rows, notes = _accuracy(count, progress)
     sized, speed = _sizes(60 if quick else 300)
     progress(1.0)

@@ -9,6 +9,7 @@ import rerun.blueprint as rrb
 
 from catheter.lab.views.clocks import stamps
 from catheter.lab.views.labels import plain, view_name
+from catheter.lab.views.output import Output
 
 if TYPE_CHECKING:
     from catheter.lab.replay import Replay
@@ -17,7 +18,7 @@ MEDIA = {"jpeg": "image/jpeg", "png": "image/png"}
 
 
 def log_camera(
-    stream: rr.RecordingStream, replay: "Replay", topic: str, left_out: list[str], step: Callable[[], None]
+    output: Output, replay: "Replay", topic: str, left_out: list[str], step: Callable[[], None]
 ) -> rrb.Spatial2DView | None:
     """Write a topic's pictures one by one, calling `step` after each, and return their view.
 
@@ -31,7 +32,8 @@ def log_camera(
             refused += 1
         else:
             columns = rr.EncodedImage.columns(blob=[picture.data], media_type=[media])
-            stream.send_columns(path, indexes=[stamps(np.array([picture.time_s]))], columns=columns)
+            output.stream.send_columns(path, indexes=[stamps(np.array([picture.time_s]))], columns=columns)
+            output.settle(len(picture.data))
             shown += 1
         step()
     if refused:

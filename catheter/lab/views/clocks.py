@@ -10,9 +10,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import rerun as rr
 
+from catheter.lab.views.output import Output
 from data.signal import Array
 
 TIMELINE = "t"
+PIECE = 1 << 17
 
 
 @dataclass(frozen=True)
@@ -47,16 +49,19 @@ class Clocks:
         self._clocks[index].columns[component] = values
         return Column(f"/clock/{index}", component)
 
-    def send(self, stream: rr.RecordingStream, step: Callable[[], None]) -> None:
-        """Write every clock, calling `step` after each."""
+    def send(self, output: Output, step: Callable[[], None]) -> None:
+        """Write every clock, at most PIECE rows at a time, calling `step` after each clock."""
         for index, clock in enumerate(self._clocks):
-            columns = rr.ComponentColumnList(
-                [
-                    rr.ComponentColumn(_descriptor(component), rr.components.ScalarBatch(values))
-                    for component, values in clock.columns.items()
-                ]
-            )
-            stream.send_columns(f"/clock/{index}", indexes=[stamps(clock.time_s)], columns=columns)
+            for first in range(0, len(clock.time_s), PIECE):
+                rows = slice(first, first + PIECE)
+                columns = rr.ComponentColumnList(
+                    [
+                        rr.ComponentColumn(_descriptor(component), rr.components.ScalarBatch(values[rows]))
+                        for component, values in clock.columns.items()
+                    ]
+                )
+                output.stream.send_columns(f"/clock/{index}", indexes=[stamps(clock.time_s[rows])], columns=columns)
+                output.settle(8 * clock.time_s[rows].size * (1 + len(clock.columns)))
             step()
 
     def _find(self, time_s: Array) -> int:

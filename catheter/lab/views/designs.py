@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from uuid import uuid4
 
 import numpy as np
 import rerun as rr
@@ -10,10 +9,10 @@ import rerun.blueprint as rrb
 
 from catheter.free import Array, inflate
 from catheter.helix import Design, HelixState
+from catheter.lab.views.output import Output
 from catheter.search import cost_field, half_steps
 from catheter.task import DEGREE, Task
 from catheter.valve import INCH, cone, measured
-from data.files import cannot_write
 
 VOLUMES = 40
 RINGS, SIDES = 241, 20  # of the tube's mesh
@@ -83,16 +82,8 @@ def _nearest(task: Task, gamma_rad: float) -> int:
 
 def write(name: str, path: Path, log: Callable[[rr.RecordingStream], None]) -> None:
     """Write what `log` logs to `path`, replaced. Raises CannotWrite."""
-    rr.set_strict_mode(True)  # what rerun would only warn of is an error here
-    stream = rr.RecordingStream(f"{name}-{uuid4().hex}")
-    written = rr.binary_stream(stream)  # we write the file: rerun's own writer can wait for ever on a full disk
-    try:
-        log(stream)
-        path.write_bytes(written.read() or b"")
-    except OSError as error:
-        raise cannot_write(path, error) from error
-    finally:
-        stream.disconnect()
+    with Output(name, path) as output:
+        log(output.stream)
 
 
 def _log_tube(stream: rr.RecordingStream, task: Task, spiral: Design, volume: float) -> None:

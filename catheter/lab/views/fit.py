@@ -5,14 +5,13 @@ An .rrd like a replay's: a view, made anew when it is asked for.
 
 from pathlib import Path
 from typing import TYPE_CHECKING
-from uuid import uuid4
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
 from catheter.lab.views.labels import BEST, MEASURED, MODELS, Colour, view_name
-from data.files import cannot_write
+from catheter.lab.views.output import Output
 from data.signal import Array
 
 if TYPE_CHECKING:
@@ -24,17 +23,10 @@ TIME = "time"
 
 def save(found: "Identification", time_s: Array, x: Array, kind: str, path: Path) -> None:
     """Write the dashboard of a fit to `path`. time_s and x (n,): the whole input. Raises CannotWrite."""
-    rr.set_strict_mode(True)
-    stream = rr.RecordingStream(f"fit-{uuid4().hex}")
-    written = rr.binary_stream(stream)
-    try:
+    with Output("fit", path) as output:
+        stream = output.stream
         views = [*_series(stream, found, time_s[found.used], kind), *_drawings(stream, found, time_s, x, kind)]
         stream.send_blueprint(rrb.Blueprint(rrb.Grid(*views, grid_columns=2), collapse_panels=True))
-        path.write_bytes(written.read() or b"")
-    except OSError as error:
-        raise cannot_write(path, error) from error
-    finally:
-        stream.disconnect()
 
 
 def _line(stream: rr.RecordingStream, path: str, time_s: Array, values: Array, look: tuple[Colour, str]) -> None:

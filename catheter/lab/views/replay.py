@@ -7,7 +7,6 @@ release of rerun that wrote a .rrd, and the next, are promised to read it.
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
-from uuid import uuid4
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -18,9 +17,9 @@ from catheter.lab.views.columns import Columns, collect
 from catheter.lab.views.labels import view_name
 from catheter.lab.views.layout import Views, blueprint, picture_shape
 from catheter.lab.views.loops import log_loops
+from catheter.lab.views.output import Output
 from catheter.lab.views.pages import few, residual_plots, residuals_plot, response_plot, signal_plots
 from catheter.lab.views.summary import summary
-from data.files import cannot_write
 
 if TYPE_CHECKING:
     from catheter.lab.replay import Replay
@@ -30,25 +29,16 @@ def save(replay: "Replay", path: Path, *, progress: Callable[[float], None] | No
     """Write the dashboard of a replay to `path`, an .rrd file that is replaced.
 
     progress is called with the share that is written, rising to 1. Numbers are logged by column,
-    pictures one at a time; memory holds the dashboard until it is written. Raises CannotWrite for
-    a place that cannot be written, BadInput for a recording whose pictures cannot be read.
+    pictures one at a time, and written as they come: memory holds the numbers and few pictures.
+    Raises CannotWrite for a place that cannot be written, BadInput for a recording whose pictures
+    cannot be read.
     """
-    rr.set_strict_mode(True)  # what rerun would only warn of is an error here
     clocks = Clocks()
     columns = collect(replay, clocks)
-    # An own application for each file: the viewer keeps one blueprint for each application.
-    stream = rr.RecordingStream(f"replay-{uuid4().hex}")
-    # We write the file: rerun's own writer can wait for ever on a full disk. One read, for one manifest.
-    written = rr.binary_stream(stream)
-    try:
-        _write(stream, replay, clocks, columns, _steps(replay, clocks, progress))
-        path.write_bytes(written.read() or b"")
-        if progress:
-            progress(1.0)
-    except OSError as error:
-        raise cannot_write(path, error) from error
-    finally:
-        stream.disconnect()
+    with Output("replay", path) as output:
+        _write(output, replay, clocks, columns, _steps(replay, clocks, progress))
+    if progress:
+        progress(1.0)
 
 
 def _steps(replay: "Replay", clocks: Clocks, progress: Callable[[float], None] | None) -> Callable[[], None]:
@@ -65,17 +55,15 @@ def _steps(replay: "Replay", clocks: Clocks, progress: Callable[[float], None] |
     return step
 
 
-def _write(
-    stream: rr.RecordingStream, replay: "Replay", clocks: Clocks, columns: Columns, step: Callable[[], None]
-) -> None:
-    kind = replay.recording.kind
-    clocks.send(stream, step)
+def _write(output: Output, replay: "Replay", clocks: Clocks, columns: Columns, step: Callable[[], None]) -> None:
+    kind, stream = replay.recording.kind, output.stream
+    clocks.send(output, step)
     views = Views(rrb.TextDocumentView(name=view_name("recording", "", kind), origin="/summary"))
     families = [family for family in replay.loops if family.loops]
     shape = picture_shape(len(families), len(replay.cameras))
     views.loops = [log_loops(stream, family, replay.signals, kind, shape) for family in families]
     left_out: list[str] = []
-    cameras = [log_camera(stream, replay, topic, left_out, step) for topic in replay.cameras]
+    cameras = [log_camera(output, replay, topic, left_out, step) for topic in replay.cameras]
     views.cameras = [view for view in cameras if view]
     views.signals = signal_plots(replay, columns, left_out)
     _models(replay, columns, views)

@@ -4,7 +4,6 @@ import math
 from pathlib import Path
 from types import TracebackType
 from typing import Self
-from uuid import uuid4
 
 import numpy as np
 import rerun as rr
@@ -12,7 +11,8 @@ import rerun.blueprint as rrb
 
 from catheter.lab.views.clocks import TIMELINE, stamps
 from catheter.lab.views.labels import BEST, MARK, MEASURED, MODELS, view_name
-from data.files import cannot_write, check_free
+from catheter.lab.views.output import Output
+from data.files import check_free
 from vision.frames import Frame, Source
 from vision.twist import Row, region_px
 
@@ -24,28 +24,26 @@ class TwistView:
 
     def __init__(self, path: Path, source: Source, *, replace: bool = False) -> None:
         check_free(path, replace)
-        rr.set_strict_mode(True)
-        self._path, self._source = path, source
-        self._stream = rr.RecordingStream(f"twist-{uuid4().hex}")
-        self._written = rr.binary_stream(self._stream)
+        self._source, self._output = source, Output("twist", path)
+        self._stream = self._output.stream
         self._every = max(1, math.ceil(source.count / MOST_SHOWN))
         self._times: list[float] = []
         self._values: list[tuple[float, float]] = []
 
     def __enter__(self) -> Self:
         """Return the view itself."""
+        self._output.__enter__()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         """Write the dashboard, unless the measurement failed."""
         try:
             if error is None:
                 self._finish()
-                self._path.write_bytes(self._written.read() or b"")
-        except OSError as failure:
-            raise cannot_write(self._path, failure) from failure
         finally:
-            self._stream.disconnect()
+            self._output.__exit__(kind, error, trace)
 
     def picture(self, frame: Frame) -> None:
         """Add a frame's picture, if it is one of those that are shown."""
@@ -57,6 +55,7 @@ class TwistView:
         jpeg = cv2.imencode(".jpg", shown, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].tobytes()
         columns = rr.EncodedImage.columns(blob=[jpeg], media_type=["image/jpeg"])
         self._stream.send_columns("/camera", indexes=[stamps(np.array([frame.time_s]))], columns=columns)
+        self._output.settle(len(jpeg))
 
     def mark(self, row: Row) -> None:
         """Add what was found in a frame; a frame without a marker clears the one before."""

@@ -1,0 +1,81 @@
+"""Plain pictures for reports: axes with units, colours that everyone can tell apart, and where the data are from."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from catheter.lab.report import Row
+
+# Okabe and Ito's colours without yellow, which white paper swallows: apart for colour-blind readers and in grey.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+MARKERS = "osD^v<>pXh"
+DPI = 130
+
+
+def sheet(title: str, kind: str = "", *, size: tuple[float, float] = (8.0, 5.5)) -> "Figure":
+    """Return an empty figure, `size` in inches. kind: "simulated", "measured" ... stands before its title."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, layout="constrained")
+    if title:
+        figure.suptitle(f"{kind}: {title}" if kind else title, fontsize=11, parse_math=False)
+    return figure
+
+
+def axes(
+    figure: "Figure",
+    x: tuple[str, str],
+    y: tuple[str, str],
+    *,
+    at: tuple[int, int, int] = (1, 1, 1),
+    title: str = "",
+    log: str = "",
+) -> "Axes":
+    """Return axes of a figure. x, y: (name, unit), unit "" for a count or a name and "1" for a plain number.
+
+    at: (rows, columns, number from 1) as matplotlib counts. log: "", "x", "y" or "xy".
+    """
+    made: Axes = figure.add_subplot(*at)
+    made.set_prop_cycle(color=COLOURS)
+    made.set_xlabel(label(*x), parse_math=False)
+    made.set_ylabel(label(*y), parse_math=False)
+    made.set_title(title, fontsize=10, parse_math=False)
+    made.grid(visible=True, which="both" if log else "major", alpha=0.3)
+    for letter in log:
+        getattr(made, f"set_{letter}scale")("log")
+    return made
+
+
+def label(name: str, unit: str) -> str:
+    """Return 'force [N]', or the name alone where there is no unit to name."""
+    return f"{name} [{unit}]" if unit else name
+
+
+def work_precision(figure: "Figure", rows: "Sequence[Row]", *, error: str, title: str = "") -> "Axes":
+    """Draw error against seconds, a line for each method, on two logarithmic axes; failed rows have no point."""
+    methods = list(dict.fromkeys(row.method for row in rows))
+    figure.set_size_inches(8, 5 + 0.12 * len(methods))
+    made = axes(figure, ("run time", "s"), (error, ""), title=title, log="xy")
+    for index, method in enumerate(methods):
+        kept = [row for row in rows if row.method == method and math.isfinite(row.error)]
+        made.plot(
+            [row.seconds for row in kept],
+            [row.error for row in kept],
+            label=method,
+            marker=MARKERS[index % len(MARKERS)],
+            linestyle=("-", "--", ":")[index // len(COLOURS) % 3],
+        )
+    if any(row.error == 0 for row in rows):  # exact answers have no place on a logarithmic axis
+        made.set_yscale("symlog", linthresh=min((row.error for row in rows if row.error > 0), default=1.0))
+    figure.legend(loc="outside lower center", ncols=2, fontsize=8)
+    return made
+
+
+def save(figure: "Figure", path: Path) -> None:
+    """Write a figure to `path` as PNG, whatever its ending. Raises OSError for the place."""
+    figure.savefig(path, format="png", dpi=DPI)

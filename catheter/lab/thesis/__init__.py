@@ -1,0 +1,1 @@
+"""The thesis regenerated: its tables, numbers and figures, chapter by chapter."""
