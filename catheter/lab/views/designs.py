@@ -1,6 +1,5 @@
 """Dashboards of a design: a FREE with its fibres inflating, the cost over all angles, the map of the valves."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,7 @@ import rerun.blueprint as rrb
 
 from catheter.free import Array, inflate
 from catheter.helix import Design, HelixState
-from catheter.lab.views.output import Output
+from catheter.lab.views.output import write
 from catheter.search import cost_field, half_steps
 from catheter.task import DEGREE, Task
 from catheter.valve import INCH, cone, measured
@@ -78,12 +77,6 @@ def save_valves(path: Path) -> None:
 def _nearest(task: Task, gamma_rad: float) -> int:
     """Return the index of a gamma on the grid's axis."""
     return round(gamma_rad / task.step) + half_steps(task)
-
-
-def write(name: str, path: Path, log: Callable[[rr.RecordingStream], None]) -> None:
-    """Write what `log` logs to `path`, replaced. Raises CannotWrite."""
-    with Output(name, path) as output:
-        log(output.stream)
 
 
 def _log_tube(stream: rr.RecordingStream, task: Task, spiral: Design, volume: float) -> None:

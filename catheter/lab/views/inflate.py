@@ -1,7 +1,6 @@
 """Dashboard of an inflation: the deformed tube by material and by stretch, its curves, and Newton's history."""
 
 from pathlib import Path
-from uuid import uuid4
 
 import numpy as np
 import rerun as rr
@@ -9,7 +8,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from catheter.lab.views.labels import BEST, FRAME, MEASURED, MODELS, literal, ramp, view_name
-from data.files import cannot_write
+from catheter.lab.views.output import write
 from data.recording import SIMULATED
 from data.signal import Array
 from fem.grid import Indices, skin
@@ -29,16 +28,7 @@ def save_inflation(run: Inflation, title: str, path: Path) -> None:
     Under pressure control the timeline counts Pa, under volume control thousandths of the volume at rest.
     Raises CannotWrite for a place that cannot be written.
     """
-    rr.set_strict_mode(True)
-    stream = rr.RecordingStream(f"inflate-{uuid4().hex}")
-    written = rr.binary_stream(stream)  # we write the file: rerun's own writer can wait for ever on a full disk
-    try:
-        _log(stream, run, title)
-        path.write_bytes(written.read() or b"")
-    except OSError as error:
-        raise cannot_write(path, error) from error
-    finally:
-        stream.disconnect()
+    write("inflate", path, lambda stream: _log(stream, run, title))
 
 
 def timeline_of(run: Inflation) -> str:

@@ -6,6 +6,7 @@ ours carries that to the file: what the disk refuses is an error here, and rerun
 
 import os
 import threading
+from collections.abc import Callable
 from io import FileIO
 from pathlib import Path
 from types import TracebackType
@@ -85,3 +86,9 @@ class Output:
                         piece = piece[out.write(piece) :]
                 except OSError as error:
                     self._failed = error
+
+
+def write(name: str, path: Path, log: Callable[[rr.RecordingStream], None]) -> None:
+    """Write what `log` logs to `path`, replaced. Raises CannotWrite."""
+    with Output(name, path) as output:
+        log(output.stream)

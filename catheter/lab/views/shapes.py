@@ -9,8 +9,9 @@ import rerun.blueprint as rrb
 
 from catheter.curve import Along
 from catheter.frames import rotation_minimising
-from catheter.lab.views.designs import PANELS, write
+from catheter.lab.views.designs import PANELS
 from catheter.lab.views.labels import MARK
+from catheter.lab.views.output import write
 from catheter.motions import coarse_wall
 from catheter.target import Query, query
 from data.signal import Array
