@@ -69,19 +69,32 @@ SCENES = {  # every package, the project's and others', that reading a shipped s
     "cone": OPTIONS,
     "cracking": BENCH,
     "free": OPTIONS | PINT,
+    "inflection": OPTIONS | PINT,
     "locomotion": OPTIONS | PINT,
+    "printed": OPTIONS | PINT,
     "ramp": BENCH,
+    "renal_balloon": OPTIONS | PINT,
+    "renal_spiral": OPTIONS | PINT,
     "staircase": BENCH,
     "twist": OPTIONS | PINT,
+    "twisting": OPTIONS | PINT,
     "valve": BENCH,
 }
+SHAPE = {
+    "centreline", "curve", "equal_volume", "frames", "motions", "polyline", "shape", "vessel_files", "vtk_lines",
+}  # fmt: skip
 OWN = {  # and the modules of the robot it loads: no scene knows what another is about
     "accumulator": {"actuator", "bench", "bench_runs"},
     "bender": {"bench"},
     "cone": {"free", "valve"},
     "free": {"free", "helix", "refine", "robot", "task"},
     "locomotion": {"circuit", "drive", "free", "helix", "hydraulics", "periodic", "robot", "task", "tuning"},
+    "inflection": SHAPE,
+    "printed": {"inflatable", "printed_bench"},
+    "renal_balloon": SHAPE,
+    "renal_spiral": SHAPE,
     "twist": {"inflatable"},
+    "twisting": SHAPE,
 }
 
 
