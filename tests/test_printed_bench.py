@@ -5,15 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from catheter.filmed import Filmed
 from catheter.lab.record import record
 from catheter.lab.scene import Scene
-from catheter.printed_bench import LED, Cameras, PrintedRun
+from catheter.printed_bench import Cameras, PrintedRun
 from data.errors import BadInput
 from data.recording import Recording
-from vision.clock import Flash, brightness, flashes, of_known_length, offset
-from vision.frames import Frame, open_source
-from vision.side import side
-from vision.twist import Tracker, assemble, rows
 
 SCENE = """
 [scene]
@@ -43,10 +40,6 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, PrintedRun
     return path, run
 
 
-def film(path: Path, camera: str) -> list[Frame]:
-    return list(open_source(path, topic=f"/camera/{camera}").frames())
-
-
 def test_the_recording_says_that_it_is_simulated_and_holds_its_truth(recorded: tuple[Path, PrintedRun]) -> None:
     path, run = recorded
     with Recording(path) as recording:
@@ -62,28 +55,23 @@ def test_the_recording_says_that_it_is_simulated_and_holds_its_truth(recorded: t
 @pytest.mark.parametrize(("camera", "shift_s"), [("top", 0.0371), ("side", -0.0524)])
 def test_the_light_tells_each_cameras_clock(recorded: tuple[Path, PrintedRun], camera: str, shift_s: float) -> None:
     path, run = recorded
-    times, states = run.led
-    bench = [Flash(t, t, 1e-5, bool(on)) for t, on in zip(times[1:].tolist(), states[1:], strict=True)]
-    seen = flashes(brightness(film(path, camera), LED), run.cameras.exposure)
-    found = offset(*(of_known_length(steps, run.cameras.lit) for steps in (bench, seen)))
+    found = Filmed(path, run.cameras).clock(camera)
     assert found.low_s - 2 * found.sigma_s <= shift_s <= found.high_s + 2 * found.sigma_s
     assert found.sigma_s < 0.02
 
 
 def test_marker_and_outline_give_twist_and_extension_back(recorded: tuple[Path, PrintedRun]) -> None:
     path, run = recorded
-    top = assemble(list(rows(film(path, "top"), Tracker())))
-    truth = run.twist(top.time_s + run.cameras.top_offset)
+    film = Filmed(path, run.cameras)
+    at = film.twist.time_s - film.clock("top").offset_s + run.cameras.top_offset
+    truth = run.twist(at)
     assert abs(truth[-1]) > np.radians(3)  # it twists
-    wrong = -top.angle_rad - (truth - truth[0])  # the camera looks against the axis: its sense is the other one
-    assert np.abs(wrong).max() < 6 * np.median(top.sigma_rad) * np.sqrt(2)
-    tips = [
-        (frame.time_s, side(frame.picture).extension_px) for frame in film(path, "side") if frame.picture is not None
-    ]
-    time_s, tip_px = np.array(tips).T
-    expected = 1e3 * run.extension(time_s + run.cameras.side_offset)
-    moved = 1e3 * (tip_px - tip_px[0]) / run.cameras.scale
-    assert moved == pytest.approx(expected - expected[0], abs=0.01)  # mm: a twentieth of a pixel
+    wrong = film.twist.value - (truth - truth[0])
+    assert np.abs(wrong / film.twist_sigma)[1:].max() < 5
+    assert film.missing == 0
+    at = film.extension.time_s - film.clock("side").offset_s + run.cameras.side_offset
+    expected = run.extension(at)
+    assert film.extension.value == pytest.approx(expected - expected[0], abs=1e-5)  # m: a twentieth of a pixel
 
 
 def test_an_exposure_is_no_longer_than_a_period() -> None:

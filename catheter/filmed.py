@@ -1,0 +1,113 @@
+"""What the cameras of a printed actuator's recording tell, on the bench's clock (thesis 6.5.1): twist and extension.
+
+The LED that the bench switches is seen by both cameras and puts their clocks on the bench's. The
+camera above looks against the axis: what it sees turn clockwise, turns anticlockwise about z.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from catheter.printed_bench import LED, Cameras
+from data.recording import Recording
+from data.signal import Array, Signal
+from vision.clock import Flash, Offset, brightness, flashes, of_known_length, offset
+from vision.fit import NoMarker
+from vision.frames import Frame, open_source
+from vision.side import side
+from vision.twist import MISSING, Tracker, Twist, assemble, rows
+
+
+@dataclass(frozen=True, eq=False)
+class Filmed:
+    """A recording with /pressure, /led, /camera/top and /camera/side, measured when asked for.
+
+    cameras: exposure, length of the flashes and scale of the side view, as the bench was set up.
+    """
+
+    path: Path
+    cameras: Cameras
+
+    @cached_property
+    def _read(self) -> tuple[Signal, Signal, str]:
+        with Recording(self.path) as recording:
+            pressure, led = recording.signal("/pressure", "pressure"), recording.signal("/led", "state")
+            return pressure, led, recording.kind
+
+    @property
+    def kind(self) -> str:
+        """'measured', 'simulated' or 'unstated'."""
+        return self._read[2]
+
+    @property
+    def pressure(self) -> Signal:
+        """As the gauge read it [Pa]."""
+        return self._read[0]
+
+    @cached_property
+    def flashes(self) -> list[Flash]:
+        """When the bench switched the LED."""
+        led = self._read[1]
+        changed = np.flatnonzero(np.diff(led.value) != 0) + 1
+        return [Flash(float(led.time_s[k]), float(led.time_s[k]), 1e-5, bool(led.value[k])) for k in changed]
+
+    def clock(self, camera: str) -> Offset:
+        """Return what is added to the stamps of the camera "top" or "side" to read the bench's clock.
+
+        Raises BadInput where the light is not seen, DidNotConverge where it contradicts itself.
+        """
+        return self._top[0] if camera == "top" else self._side[0]
+
+    def _frames(self, camera: str) -> Iterator[Frame]:
+        return open_source(self.path, topic=f"/camera/{camera}").frames()
+
+    def _offset(self, camera: str) -> Offset:
+        steps = flashes(brightness(self._frames(camera), LED), self.cameras.exposure)
+        return offset(*(of_known_length(found, self.cameras.lit) for found in (self.flashes, steps)))
+
+    @cached_property
+    def _top(self) -> tuple[Offset, Twist]:
+        return self._offset("top"), assemble(list(rows(self._frames("top"), Tracker())))
+
+    @cached_property
+    def _side(self) -> tuple[Offset, Array, Array]:
+        time_s, tips = np.array([(frame.time_s, _tip(frame)) for frame in self._frames("side")]).T
+        return self._offset("side"), time_s, tips
+
+    @cached_property
+    def twist(self) -> Signal:
+        """Twist [rad] since the first frame, anticlockwise as seen from beyond the tip; NaN without a marker."""
+        found, seen = self._top
+        return Signal(seen.time_s + found.offset_s, -seen.angle_rad, "rad", name="twist")
+
+    @cached_property
+    def twist_sigma(self) -> Array:
+        """Standard deviation of each angle (n,) [rad]; the first frame's, which is subtracted, included."""
+        sigma = self._top[1].sigma_rad
+        first = sigma[np.flatnonzero(np.isfinite(sigma))[:1]]
+        return np.hypot(sigma, first[0] if first.size else math.nan)
+
+    @property
+    def missing(self) -> int:
+        """Frames of the camera above without a marker."""
+        return self._top[1].status.count(MISSING)
+
+    @cached_property
+    def extension(self) -> Signal:
+        """How far the tip moved along the axis since the first frame [m]; NaN where no tube was seen."""
+        found, time_s, tips = self._side
+        return Signal(time_s + found.offset_s, (tips - tips[0]) / self.cameras.scale, "m", name="extension")
+
+
+def _tip(frame: Frame) -> float:
+    """Return how far the tube reaches into a picture [px], NaN where there is none."""
+    if frame.picture is None:
+        return math.nan
+    try:
+        return side(frame.picture).extension_px
+    except NoMarker:
+        return math.nan
