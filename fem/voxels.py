@@ -103,6 +103,18 @@ class Voxels:
         """Return the forces on the nodes (3n, v) of each voxel at 1 Pa, sparse [N/Pa]."""
         from scipy.sparse import coo_array
 
+        rows, columns, force = self._element_forces(x)
+        keep = columns >= 0
+        return coo_array((force[keep], (rows[keep], columns[keep])), shape=(x.size, self.count)).tocsc()
+
+    def known_forces(self, x: Array) -> Array:
+        """Return the forces (n, 3) of the elements that belong to no voxel [N]."""
+        rows, columns, force = self._element_forces(x)
+        known = columns < 0
+        return np.bincount(rows[known], force[known], minlength=x.size).reshape(x.shape)
+
+    def _element_forces(self, x: Array) -> tuple[Array, Array, Array]:
+        """Return rows, voxels and values of every element's forces on its nodes."""
         body, nodes = self.system.body, self.mesh.hexes.shape[1]
         apart = np.arange(self.mesh.hexes.size, dtype=np.int32).reshape(self.mesh.hexes.shape)
         force = np.zeros((self.mesh.hexes.size, 3))
@@ -112,10 +124,7 @@ class Voxels:
         if bad >= 0:
             raise BadInput("positions", f"element {bad} is turned inside out", "no voxel can be that shape")
         rows = 3 * self.mesh.hexes.ravel()[:, None] + np.arange(3)
-        columns = np.repeat(self.which, 3 * nodes)
-        keep = columns >= 0
-        entries = force.ravel()[keep], (rows.ravel()[keep], columns[keep])
-        return coo_array(entries, shape=(x.size, self.count)).tocsc()
+        return rows.ravel(), np.repeat(self.which, 3 * nodes), force.ravel()
 
     def slopes(self, standing: Standing) -> Any:
         """Return d(residual) / d(log moduli), sparse (k, v) [N]."""
