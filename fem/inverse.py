@@ -41,7 +41,7 @@ class Inversion:
     least: float = option(0.05e6, unit="Pa", least=1.0)
     most: float = option(20e6, unit="Pa", least=1.0)
     prior: float = option(0.3, least=1e-6)
-    edge: float = option(0.05, least=1e-6)
+    edge: float = option(0.01, least=1e-6)
     eager: float = option(0.01, least=0.0, most=1.0)
     robust: float = option(4.0, least=0.0)
     most_iterations: int = option(60, least=1)

@@ -136,10 +136,16 @@ class Voxels:
 
     def inflate(self, log: Array, load: float) -> Standing:
         """Return a map's equilibrium at a load [Pa], from rest. Raises DidNotConverge."""
+        return self.path(log, [load])[0]
+
+    def path(self, log: Array, loads: list[float]) -> list[Standing]:
+        """Return a map's equilibria at loads [Pa] in turn, from rest. Raises DidNotConverge."""
         system = self.with_moduli(np.exp(log))
-        point = continuation.follow(system, [load])[0]
-        state = State(point.x, point.load, system.body.linearised(point.x, np.zeros_like(point.x)))
-        return Standing(log, state, system.tangent(state))
+        found = []
+        for point in continuation.follow(system, loads):
+            state = State(point.x, point.load, system.body.linearised(point.x, np.zeros_like(point.x)))
+            found.append(Standing(log, state, system.tangent(state)))
+        return found
 
     def moved(self, standing: Standing, log: Array, load: float | None = None, shares: int = 16) -> Standing:
         """Return the equilibrium of another map (and load), reached from one that is known by its tangent.
