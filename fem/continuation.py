@@ -6,17 +6,20 @@ small the step before it, because the compliance has no bound there but the gap 
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from data.errors import BadInput, DidNotConverge
 from data.signal import Array
-from fem.equilibrium import State, System, Tangent
+from fem import solver
+from fem.equilibrium import Balance, State, System, Tangent
+from fem.predictor import Mark, Stand, predicted
 
 PRESSURE, VOLUME = "pressure", "volume"
 SMALL_LOAD = 1e-3  # of the softest shear modulus: pressures below it do not make the residual's scale smaller
-NEAR = 1e-5  # the residual over the load below which a correction may be the last
+CLOSE = 1e-3  # the residual over the load from which the tangent is kept: it is that of the end state to 1e-5
+MISSED = 1e-12  # of a volume asked for
 MOST_CHANGE = 2.5  # a sub-step's gain in volume over the gain foretold
 
 
@@ -25,8 +28,8 @@ class Point:
     """An equilibrium: positions x (n, 3) [m], load (the pressure [Pa]), cavity volume [m^3], strain energy [J].
 
     compliance is dV/dp [m^3/Pa]. negative: negative pivots of the tangent, 0 where it is stable
-    under that load. reaction (n, 3): forces on the nodes, 0 where they are free [N]. residuals: of every
-    iteration since the requested load before, over the load.
+    under that load. reaction (n, 3): forces on the nodes, 0 where they are free [N]. residuals: all since the
+    requested load before, over the load; iterations: the corrections among them, factors: those with a new tangent.
     """
 
     x: Array
@@ -37,20 +40,8 @@ class Point:
     negative: int
     reaction: Array
     residuals: tuple[float, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class _Stand:
-    """A converged state, its tangent, and how it moves per unit of load: compliance is dV/dp [m^3/Pa]."""
-
-    state: State
-    tangent: Tangent
-    volume: float
-    motion: Array
-
-    @property
-    def compliance(self) -> float:
-        return float(-self.tangent.slope @ self.motion)
+    iterations: int
+    factors: int
 
 
 class _Cut(Exception):
@@ -71,17 +62,29 @@ def follow(system: System, loads: Iterable[float], control: str = PRESSURE, star
         raise BadInput("control", f"is {control!r}", f"expected {PRESSURE!r} or {VOLUME!r}")
     if control == VOLUME and not system.closed:
         raise BadInput("control", "is 'volume', but no closed cavity is the only load", "control the pressure")
-    state = system.rest()
-    if start is not None:
-        state = State(start.x, start.load, system.body.linearised(start.x, np.zeros_like(start.x)))
-    stand = _stand(system, state, system.tangent(state))
-    points = []
-    for target in targets:
-        stand, residuals = _reach(system, stand, target, control)
-        state, tangent = stand.state, stand.tangent
-        numbers = (state.load, stand.volume, tangent.energy, stand.compliance, tangent.negative)
-        points.append(Point(state.x, *numbers, tangent.reaction, tuple(residuals)))
+    with solver.one_thread():
+        stand = _stand(system, system.rest() if start is None else State(start.x, start.load), control)
+        before, points = None, []
+        for target in targets:
+            spent = _Spent()
+            before, stand = _reach(system, before, stand, target, control, spent)
+            points.append(_point(stand, spent))
     return points
+
+
+def _point(stand: Stand, spent: "_Spent") -> Point:
+    here, state = stand.here, stand.state
+    numbers = (state.load, here.volume, here.energy, stand.compliance, stand.tangent.negative)
+    return Point(state.x, *numbers, here.reaction, tuple(spent.residuals), spent.iterations, spent.factors)
+
+
+@dataclass
+class _Spent:
+    """What has been spent since the last requested load."""
+
+    residuals: list[float] = field(default_factory=list)
+    iterations: int = 0
+    factors: int = 0
 
 
 def limit_point(system: System, before: Point, after: Point) -> Point:
@@ -106,97 +109,106 @@ def limit_point(system: System, before: Point, after: Point) -> Point:
     return nearest(float(brentq(steepness, before.volume, after.volume, rtol=1e-9)))
 
 
-def _stand(system: System, state: State, tangent: Tangent) -> _Stand:
-    motion = tangent.solve(-tangent.slope[:, None])[:, 0]
-    return _Stand(state, tangent, system.body.fluid(state.x)[1], motion)
+def _stand(system: System, state: State, control: str) -> Stand:
+    tangent = system.tangent(state)
+    return _reached(system, state, tangent, tangent, tangent.solve(-tangent.slope[:, None])[:, 0], control)
 
 
-def _load(stand: _Stand, control: str) -> float:
-    return stand.state.load if control == PRESSURE else stand.volume
+def _reached(  # noqa: PLR0917
+    system: System, state: State, here: Balance, tangent: Tangent, per_load: Array, control: str
+) -> Stand:
+    if control == PRESSURE:
+        return Stand(system, state, here, tangent, state.load, per_load, 1.0)
+    rise = 1 / float(-tangent.slope @ per_load)
+    return Stand(system, state, here, tangent, here.volume, per_load * rise, rise)
 
 
-def _reach(system: System, stand: _Stand, target: float, control: str) -> tuple[_Stand, list[float]]:
-    """Step from a stand to a load, in as many sub-steps as it takes."""
-    residuals: list[float] = []
-    start = _load(stand, control)
-    whole = target - start
-    step, now = whole, start
+def _reach(  # noqa: PLR0917
+    system: System, before: Mark | None, stand: Stand, target: float, control: str, spent: _Spent
+) -> tuple[Mark | None, Stand]:
+    """Step from a stand to a load, in as many sub-steps as it takes; return it with the mark before it."""
+    whole, now = target - stand.parameter, stand.parameter
+    step = whole
     while now != target:
         step = min(step, target - now, key=abs)
-        per_load = stand.motion if control == PRESSURE else stand.motion / stand.compliance
-        reach = float(np.abs(per_load).max()) * abs(step) / (system.newton.most_move * system.extent)
+        reach = float(np.abs(stand.motion).max()) * abs(step) / (system.newton.most_move * system.extent)
         step /= max(1, int(np.ceil(reach)))
         goal = target if abs(target - now - step) < 1e-9 * abs(whole) else now + step
         try:
-            stand = _step(system, stand, goal, control, residuals)
+            reached = _step(system, before, stand, goal, control, spent)
         except (_Cut, DidNotConverge) as error:
             step /= 2
             if abs(step) < system.newton.smallest * abs(whole):
-                raise _refusal(system, stand, control, target, error) from error
+                raise _refusal(stand, control, target, error) from error
             continue
+        before, stand = stand.mark, reached
         now = goal
         step *= 2
-    return stand, residuals
+    return before, stand
 
 
-def _predicted(system: System, stand: _Stand, goal: float, control: str) -> State:
-    """Return the state at a load by the tangent of the last one."""
-    state = stand.state
-    rise = goal - state.load if control == PRESSURE else (goal - stand.volume) / stand.compliance
-    load = goal if control == PRESSURE else state.load + rise
-    shift, move = system.shift(state, load), stand.motion * rise
-    if shift is not None:
-        move = move - stand.tangent.solve((stand.tangent.across @ shift)[:, None])[:, 0]
-    return system.moved(state, move, load, shift)
+def _step(  # noqa: PLR0917
+    system: System, before: Mark | None, stand: Stand, goal: float, control: str, spent: _Spent
+) -> Stand:
+    """Return the equilibrium at one load. Raises _Cut or DidNotConverge where that is not near.
 
-
-def _step(system: System, stand: _Stand, goal: float, control: str, residuals: list[float]) -> _Stand:
-    """Return the equilibrium at one load. Raises _Cut or DidNotConverge where that is not near."""
-    state = _predicted(system, stand, goal, control)
-    longest = system.newton.most_move * system.extent
+    Newton's method; once the residual is small the factor at hand is used again, as long as it makes
+    the residual fall tenfold.
+    """
+    state, size = predicted(before, stand, goal), np.inf
+    kept: tuple[Tangent, Array] | None = None  # a tangent taken close by, and how the unknowns move per load by it
     for _ in range(system.newton.most_steps):
-        tangent = system.tangent(state)
-        scale = _scale(system, state, tangent)
-        residuals.append(float(np.linalg.norm(tangent.residual)) / scale)
-        found = tangent.solve(-np.stack([tangent.residual, tangent.slope], axis=1))
-        move, extra, missing = found[:, 0], 0.0, 0.0
-        if control == VOLUME:
-            missing = goal - tangent.volume
-            extra = (missing + float(tangent.slope @ move)) / float(-tangent.slope @ found[:, 1])
-            move = move + extra * found[:, 1]
-        largest = float(np.abs(move).max())
-        if not np.isfinite(largest):
-            raise _Cut("the displacements are not finite")
-        state = system.moved(state, move * min(1.0, longest / (largest or 1.0)), state.load + extra)
-        there = residuals[-1] <= max(system.newton.tolerance, system.body.noise / scale)
-        there = there or (residuals[-1] <= NEAR and _settled(system, state, scale, residuals))
-        if there and abs(missing) <= 1e-6 * abs(goal):
-            total, energy = system.forces(state)
-            tangent = replace(tangent, reaction=total, energy=energy)
-            reached = _Stand(state, tangent, system.body.fluid(state.x)[1], found[:, 1])
+        here = system.tangent(state) if kept is None else system.balance(state)
+        scale = _scale(system, state, here)
+        last, size = size, float(np.linalg.norm(here.residual)) / scale
+        missing = goal - here.volume if control == VOLUME else 0.0
+        there = size <= max(0.1 * system.newton.tolerance, system.body.noise / scale)
+        there = there and abs(missing) <= MISSED * abs(goal)
+        if not there and size > 0.1 * last and kept is not None:  # the old factor is no longer good enough
+            here, state = system.tangent(state), State(state.x, state.load)
+        spent.residuals.append(size)
+        if kept is None or isinstance(here, Tangent):
+            assert isinstance(here, Tangent)
+            found = here.solve(-np.stack([here.residual, here.slope], axis=1))
+            move, kept = found[:, 0], (here, found[:, 1])
+            spent.factors += 1
+        elif not there:
+            move = kept[0].solve(-here.residual[:, None])[:, 0]
+        if there:
+            reached = _reached(system, state, here, *kept, control)
             _check(system, stand, reached, control)
             return reached
-    raise _Cut(f"residual {residuals[-1]:.1e} > {system.newton.tolerance:.0e} of the load after {len(residuals)} steps")
+        state = _corrected(system, state, here, move, kept[1], missing, control, size > CLOSE)
+        spent.iterations += 1
+        if size > CLOSE:
+            del here  # the next tangent takes its memory
+            kept = None
+    raise _Cut(f"residual {size:.1e} > {system.newton.tolerance:.0e} of the load after {len(spent.residuals)} steps")
 
 
-def _settled(system: System, state: State, scale: float, residuals: list[float]) -> bool:
-    """Return whether a state needs no further tangent: its residual is a tenth of the tolerance."""
-    found = float(np.linalg.norm(system.reduce(state.x, system.forces(state)[0]))) / scale
-    settled = found <= 0.1 * system.newton.tolerance
-    if settled:
-        residuals.append(found)
-    return settled
+def _corrected(  # noqa: PLR0917
+    system: System, state: State, here: Balance, move: Array, per_load: Array, missing: float, control: str, hold: bool
+) -> State:
+    """Return the state after a correction for the residual, per_load along with it where a volume is missing."""
+    extra = 0.0
+    if control == VOLUME:
+        extra = (missing + float(here.slope @ move)) / float(-here.slope @ per_load)
+        move = move + extra * per_load
+    largest, longest = float(np.abs(move).max()), system.newton.most_move * system.extent
+    if not np.isfinite(largest):
+        raise _Cut("the displacements are not finite")
+    return system.moved(state, move * min(1.0, longest / (largest or 1.0)), state.load + extra, hold=hold)
 
 
-def _scale(system: System, state: State, tangent: Tangent) -> float:
+def _scale(system: System, state: State, here: Balance) -> float:
     """Return what a residual is measured against [N]: the load, or the reactions where nodes are moved."""
     if system.place is not None:
-        return float(np.linalg.norm(tangent.reaction[system.body.mesh.fixed])) or 1.0
+        return float(np.linalg.norm(here.reaction[system.body.mesh.fixed])) or 1.0
     least = SMALL_LOAD * system.body.softest if system.dead is None else 0.0
-    return max(abs(state.load), least) * float(np.linalg.norm(tangent.slope)) or 1.0
+    return max(abs(state.load), least) * float(np.linalg.norm(here.slope)) or 1.0
 
 
-def _check(system: System, before: _Stand, after: _Stand, control: str) -> None:
+def _check(system: System, before: Stand, after: Stand, control: str) -> None:
     """Raise _Cut where a step under pressure control left the stable path it came from."""
     if control == VOLUME:
         return
@@ -204,16 +216,16 @@ def _check(system: System, before: _Stand, after: _Stand, control: str) -> None:
         raise _Cut(f"{after.tangent.negative} negative pivot(s): it would be unstable")
     if not system.closed:
         return
-    gained = (after.volume - before.volume) / ((after.state.load - before.state.load) or 1.0)
+    gained = (after.here.volume - before.here.volume) / ((after.state.load - before.state.load) or 1.0)
     if not 1 / MOST_CHANGE <= gained / before.compliance <= MOST_CHANGE:
         raise _Cut("the volume is not where the tangent saw it: another branch?")
 
 
-def _refusal(system: System, stand: _Stand, control: str, target: float, error: Exception) -> DidNotConverge:
+def _refusal(stand: Stand, control: str, target: float, error: Exception) -> DidNotConverge:
     if control == VOLUME:
-        at = f"{1e6 * stand.volume:.6g} mL on the way to {1e6 * target:.6g} mL"
+        at = f"{1e6 * stand.here.volume:.6g} mL on the way to {1e6 * target:.6g} mL"
         return DidNotConverge(f"inflation under volume control stops at {at}: {error}; try smaller volume steps")
-    if not system.closed:
+    if not stand.system.closed:
         at = f"{stand.state.load:.6g} on the way to {target:.6g}"
         return DidNotConverge(f"equilibrium stops at a load of {at}: {error}; try smaller steps, or a finer mesh")
     at = f"{stand.state.load / 1e3:.6g} kPa on the way to {target / 1e3:.6g} kPa"

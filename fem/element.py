@@ -157,12 +157,15 @@ class Body:
 
     def linearised(self, x: Array, step: Array) -> Array:
         """Return the stresses (e, g, 7) [Pa] that a tangent after a step (n, 3) from x is to hold."""
-        out = np.empty((*self.weight.shape, 7))
-        mesh = self.mesh
+        return np.asarray(sum(self.stresses(x, step)))
+
+    def stresses(self, x: Array, step: Array) -> tuple[Array, Array]:
+        """Return the stresses (e, g, 7) [Pa] that a tangent at x (n, 3) holds, and their change with a step (n, 3)."""
+        out, mesh = np.empty((2, *self.weight.shape, 7)), self.mesh
         kernel.linearised(
             x, step, mesh.hexes, self.gradient, self.weight, self.law, self.numbers, self.kappa, self.mean, out
         )
-        return out
+        return out[0], out[1]
 
     def deformation(self, x: Array) -> Array:
         """Return the deformation gradients (e, g, 3, 3)."""

@@ -15,7 +15,7 @@ from data.errors import BadInput
 from data.options import option
 from data.signal import Array
 from fem import pressure, rigid, solver
-from fem.element import Body
+from fem.element import Body, Forces
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,20 +47,21 @@ class Newton:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Positions x (n, 3) [m] at a load (the pressure [Pa]), the stresses (e, g, 7) its tangent is to use."""
+    """Positions x (n, 3) [m] at a load (the pressure [Pa]), the stresses (e, g, 7) its tangent is to use.
+
+    held is None where they are those of the positions themselves.
+    """
 
     x: Array
     load: float
-    held: Array
+    held: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class Tangent:
-    """A factorised tangent at a state, with the residual (k,) [N], its slope over the load (k,), energy and volume.
+class Balance:
+    """Forces at a state: residual (k,) [N], its slope over the load (k,), cavity volume [m^3], strain energy [J].
 
-    reaction (n, 3) are the forces on all nodes [N]. slope is -dV/dx [m^2] for a pressure. across
-    (k, f) couples to the fixed components; coupling (free, 6) to the cap, solved (free, 6) is
-    its solution, schur (6, 6) the cap's reduced stiffness.
+    slope is -dV/dx [m^2] for a pressure; reaction (n, 3) are the forces on all nodes [N].
     """
 
     residual: Array
@@ -68,6 +69,16 @@ class Tangent:
     volume: float
     energy: float
     reaction: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Tangent(Balance):
+    """A balance with its factorised tangent.
+
+    across (k, f) couples to the fixed components; coupling (free, 6) to the cap, solved (free, 6)
+    is its solution, schur (6, 6) the cap's reduced stiffness.
+    """
+
     factor: solver.Factor
     across: Any
     coupling: Array
@@ -143,14 +154,20 @@ class System:
     @cached_property
     def free(self) -> Any:
         """Numbers of the free displacement components, level by level (k,)."""
-        free = np.flatnonzero(self._moves)
-        return free[np.argsort(self._levels[free], kind="stable")]
+        free, pattern = np.flatnonzero(self._moves), self.body.pattern
+        place = solver.ranked(pattern.start, pattern.column, self._levels[::3])
+        return free[np.argsort(place[free // 3], kind="stable")]
 
     @cached_property
     def _ends(self) -> Any:
         """Where each level's unknowns end."""
         counts = np.bincount(self._levels[self.free])
         return np.cumsum(counts[counts > 0])
+
+    @cached_property
+    def _spare(self) -> list[Array]:
+        """Memory of factors that are gone."""
+        return []
 
     @cached_property
     def method(self) -> str:
@@ -184,51 +201,58 @@ class System:
 
     def rest(self) -> State:
         """Return the body at rest without pressure."""
-        x = self.body.mesh.nodes
-        return State(x, 0.0, np.zeros((*self.body.weight.shape, 7)))
+        return State(self.body.mesh.nodes, 0.0, np.zeros((*self.body.weight.shape, 7)))
 
     def reduce(self, x: Array, forces: Array) -> Array:
         """Return forces on nodes (n, 3) as forces on the unknowns (k,) [N]."""
         cap = rigid.motions(x[self.body.mesh.tied]).T @ forces[self.body.mesh.tied].ravel()
         return np.concatenate([forces.ravel()[self.free], cap])
 
-    def moved(self, state: State, step: Array, load: float | None = None, shift: Array | None = None) -> State:
+    def field(self, x: Array, step: Array) -> Array:
+        """Return a step of the unknowns (k,) as displacements of all nodes (n, 3), to first order."""
+        out, tied = np.zeros_like(x), self.body.mesh.tied
+        out.ravel()[self.free] = step[: len(self.free)]
+        if len(tied):
+            out[tied] = (rigid.motions(x[tied]) @ step[len(self.free) :]).reshape(-1, 3)
+        return out
+
+    def moved(self, state: State, step: Array, load: float, *, hold: bool = True, shift: Array | None = None) -> State:
         """Return the state after a step of the unknowns (k,) [m] and of the fixed components (f,) [m], at a load.
 
-        The stresses that its tangent holds are linearised along the step.
+        hold: the stresses that its tangent holds are linearised along the step.
         """
-        linear, x = np.zeros_like(state.x), state.x.copy()
-        linear.ravel()[self.free] = step[: len(self.free)]
+        linear, tied = self.field(state.x, step), self.body.mesh.tied
         if shift is not None:
             linear[self.body.mesh.fixed] = shift
-        x += linear
-        tied = self.body.mesh.tied
+        x = state.x + linear
         if len(tied):
-            cap = step[len(self.free) :]
-            linear[tied] = (rigid.motions(state.x[self.body.mesh.tied]) @ cap).reshape(-1, 3)
-            x[tied] = rigid.moved(state.x[tied], cap)
-        return State(x, state.load if load is None else load, self.body.linearised(state.x, linear))
+            x[tied] = rigid.moved(state.x[tied], step[len(self.free) :])
+        return State(x, load, self.body.linearised(state.x, linear) if hold else None)
 
     def shift(self, state: State, load: float) -> Array | None:
         """Return how far the fixed components are from where they stand at a load (f,) [m]; None: nowhere."""
         fixed = self.body.mesh.fixed
         return None if self.place is None else self.place(load)[fixed] - state.x[fixed]
 
-    def forces(self, state: State) -> tuple[Array, float]:
-        """Return the unbalanced forces on all nodes (n, 3) [N], reactions where they are fixed, and the energy [J]."""
-        inside, slope = self.body.forces(state.x), self.body.fluid(state.x)[0]
-        return inside.force + state.load * (slope if self.dead is None else slope - self.dead), inside.energy
+    def balance(self, state: State) -> Balance:
+        """Return the forces at a state, without a tangent. Raises Inverted."""
+        inside, (area, volume) = self.body.forces(state.x), self.body.fluid(state.x)
+        return self._balance(state, inside, area if self.dead is None else area - self.dead, volume)
+
+    def _balance(self, state: State, inside: Forces, slope: Array, volume: float) -> Balance:
+        total = inside.force + state.load * slope
+        return Balance(self.reduce(state.x, total), self.reduce(state.x, slope), volume, inside.energy, total)
 
     def tangent(self, state: State) -> Tangent:
         """Return residual and factorised tangent of a state. Raises Inverted, or DidNotConverge where singular."""
-        forces = self.body.forces(state.x, state.held)
+        held = self.body.linearised(state.x, np.zeros_like(state.x)) if state.held is None else state.held
+        forces = self.body.forces(state.x, held)
         slope, volume = self.body.fluid(state.x, state.load, forces.stiffness)
         if self.dead is not None:
             slope -= self.dead
-        total = forces.force + state.load * slope
         matrix = self._part(0, forces.stiffness)
         if self.method == solver.RINGS:
-            factor: solver.Factor = solver.BlockTridiagonal(matrix, self._ends)
+            factor: solver.Factor = solver.BlockTridiagonal(matrix, self._ends, self._spare)
         else:
             factor = solver.SuperLU(matrix, symmetric=self.method == solver.SPARSE)
         moves = rigid.motions(state.x[self.body.mesh.tied])
@@ -241,18 +265,8 @@ class System:
         across = None
         if self.place is not None:
             across = np.vstack([self._part(3, forces.stiffness).toarray(), moves.T @ self._part(4, forces.stiffness)])
-        return Tangent(
-            self.reduce(state.x, total),
-            self.reduce(state.x, slope),
-            volume,
-            forces.energy,
-            total,
-            factor,
-            across,
-            coupling,
-            solved,
-            schur,
-        )
+        here = self._balance(state, forces, slope, volume)
+        return Tangent(**vars(here), factor=factor, across=across, coupling=coupling, solved=solved, schur=schur)
 
     @property
     def softest(self) -> float:

@@ -15,11 +15,14 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Indices = NDArray[np.int32]
 
+compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz"})
+
 ROW = np.array([0, 1, 2, 0, 1, 2])
 COLUMN = np.array([0, 1, 2, 1, 2, 0])
+PLACE = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # of a symmetric tensor's component in its vector
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _product_tangent(b: Array, factor: float, c: Array) -> None:
     """Add factor (b_ik b_jl + b_il b_jk) / 2 to c."""
     for m in range(6):
@@ -29,23 +32,26 @@ def _product_tangent(b: Array, factor: float, c: Array) -> None:
             c[m, n] += factor * 0.5 * (b[i, k] * b[j, q] + b[i, q] * b[j, k])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _isochoric(c: Array, tau: Array) -> None:
+@compiled
+def _isochoric(c: Array, tau: Array, wanted: bool, curved: bool) -> None:
     """Turn the fictitious stress and tangent of F without its volume into those with it (dev, P : c : P, ...).
 
-    tau becomes dev tau; c becomes P:c:P + 2/3 tr(tau) P - 2/3 (dev tau (x) 1 + 1 (x) dev tau).
+    tau becomes dev tau; c, if wanted, P:c:P + 2/3 tr(tau) P - 2/3 (dev tau (x) 1 + 1 (x) dev tau); curved: c is not 0.
     """
     trace = tau[0] + tau[1] + tau[2]
-    for n in range(6):
-        mean = (c[0, n] + c[1, n] + c[2, n]) / 3
-        for m in range(3):
-            c[m, n] -= mean
-    for m in range(6):
-        mean = (c[m, 0] + c[m, 1] + c[m, 2]) / 3
-        for n in range(3):
-            c[m, n] -= mean
     for m in range(3):
         tau[m] -= trace / 3
+    if not wanted:
+        return
+    if curved:
+        for n in range(6):
+            mean = (c[0, n] + c[1, n] + c[2, n]) / 3
+            for m in range(3):
+                c[m, n] -= mean
+        for m in range(6):
+            mean = (c[m, 0] + c[m, 1] + c[m, 2]) / 3
+            for n in range(3):
+                c[m, n] -= mean
     for m in range(3):
         for n in range(3):
             c[m, n] -= 2 / 9 * trace + 2 / 3 * (tau[m] + tau[n])
@@ -56,9 +62,11 @@ def _isochoric(c: Array, tau: Array) -> None:
         c[m + 3, m + 3] += trace / 3
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _invariant_law(law: int, q: Array, b: Array, tau: Array, c: Array) -> float:
-    """Laws in I1 and I2 of the isochoric b (3, 3): set tau and c, return the energy."""
+@compiled
+def _invariant_law(  # noqa: PLR0917
+    law: int, q: Array, b: Array, wanted: bool, tau: Array, c: Array
+) -> float:
+    """Laws in I1 and I2 of the isochoric b (3, 3): set tau and, if wanted, c; return the energy."""
     i1 = b[0, 0] + b[1, 1] + b[2, 2]
     w1, w11, w2 = q[0], 0.0, 0.0
     x = i1 - 3
@@ -79,18 +87,22 @@ def _invariant_law(law: int, q: Array, b: Array, tau: Array, c: Array) -> float:
             tau[m] -= 2 * w2 * square
             squares += square if m < 3 else 0.0
         energy += w2 * (0.5 * (i1 * i1 - squares) - 3)
-        _product_tangent(b, -4 * w2, c)
-    if w2 != 0.0 or w11 != 0.0:
+        if wanted:
+            _product_tangent(b, -4 * w2, c)
+    curved = w2 != 0.0 or w11 != 0.0
+    if wanted and curved:
         for m in range(6):
             for n in range(6):
                 c[m, n] += 4 * (w11 + w2) * b[ROW[m], COLUMN[m]] * b[ROW[n], COLUMN[n]]
-    _isochoric(c, tau)
+    _isochoric(c, tau, wanted, curved)
     return float(energy)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _ogden(q: Array, b: Array, tau: Array, c: Array) -> float:  # noqa: PLR0912, loops are faster written out
-    """Ogden's law of the isochoric b (3, 3) in principal axes: set tau and c, return the energy."""
+@compiled
+def _ogden(  # noqa: PLR0912, loops are faster written out
+    q: Array, b: Array, wanted: bool, tau: Array, c: Array
+) -> float:
+    """Ogden's law of the isochoric b (3, 3) in principal axes: set tau and, if wanted, c; return the energy."""
     squares, axes = np.linalg.eigh(b)
     log = 0.5 * np.log(squares)
     w, s = np.zeros(3), np.zeros(3)
@@ -107,6 +119,8 @@ def _ogden(q: Array, b: Array, tau: Array, c: Array) -> float:  # noqa: PLR0912,
         for m in range(6):
             dyad[a, m] = axes[ROW[m], a] * axes[COLUMN[m], a]
             tau[m] += (w[a] - mean) * dyad[a, m]
+    if not wanted:
+        return float(energy)
     for a in range(3):
         for d in range(3):
             slope = total - (s[a] + s[d]) / 3 + (s[a] - 2 * (w[a] - mean) if a == d else 0.0)
@@ -128,21 +142,21 @@ def _ogden(q: Array, b: Array, tau: Array, c: Array) -> float:  # noqa: PLR0912,
     return float(energy)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def material_point(  # noqa: PLR0917, compiled functions take arrays, not objects
-    law: int, q: Array, F: Array, J: float, tau: Array, c: Array
+    law: int, q: Array, F: Array, J: float, wanted: bool, b: Array, tau: Array, c: Array
 ) -> float:
-    """Set the shape-changing part's Kirchhoff stress tau (6,) and tangent c (6, 6) [Pa]; return its energy.
+    """Set the shape-changing part's Kirchhoff stress tau (6,) and, if wanted, tangent c (6, 6) [Pa]; return its energy.
 
-    F (3, 3) with determinant J > 0; q the law's numbers. Bonet and Wood, Nonlinear Continuum
+    F (3, 3) with determinant J > 0; q the law's numbers; b (3, 3) is room. Bonet and Wood, Nonlinear Continuum
     Mechanics for Finite Element Analysis, chapter 6; Ogden's law in principal axes.
     """
-    b = np.zeros((3, 3))
     for i in range(3):
         for j in range(3):
             b[i, j] = F[i, 0] * F[j, 0] + F[i, 1] * F[j, 1] + F[i, 2] * F[j, 2]
     tau[:] = 0.0
-    c[:] = 0.0
+    if wanted:
+        c[:] = 0.0
     if law == HOOKE:
         energy = 0.0
         for m in range(6):
@@ -150,21 +164,31 @@ def material_point(  # noqa: PLR0917, compiled functions take arrays, not object
             square = b[i, 0] * b[j, 0] + b[i, 1] * b[j, 1] + b[i, 2] * b[j, 2]
             tau[m] = q[0] * (square - b[i, j])
             energy += 0.25 * q[0] * (square - 2 * b[i, j] + 1) if m < 3 else 0.0
-        _product_tangent(b, 2 * q[0], c)
+        if wanted:
+            _product_tangent(b, 2 * q[0], c)
         return float(energy)
     b *= J ** (-2 / 3)
-    return _ogden(q, b, tau, c) if law == OGDEN else _invariant_law(law, q, b, tau, c)
+    return _ogden(q, b, wanted, tau, c) if law == OGDEN else _invariant_law(law, q, b, wanted, tau, c)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def deformation(x: Array, hexes: Indices, e: int, G: Array, F: Array) -> float:
-    """Set F (3, 3) of element e at a point with reference gradients G (a, 3); return its determinant."""
-    F[:] = 0.0
-    for a in range(len(G)):
-        node = hexes[e, a]
+@compiled
+def _gather(x: Array, hexes: Indices, e: int, out: Array) -> None:
+    """Set out (3, a) to the rows of x (n, 3) at the nodes of element e."""
+    for a in range(hexes.shape[1]):
         for i in range(3):
-            for j in range(3):
-                F[i, j] += x[node, i] * G[a, j]
+            out[i, a] = x[hexes[e, a], i]
+
+
+@compiled
+def deformation(x: Array, G: Array, F: Array) -> float:
+    """Set F (3, 3) to x (3, a) times reference gradients G (a, 3); return its determinant."""
+    for i in range(3):
+        u = v = w = 0.0
+        for a in range(len(G)):
+            u += x[i, a] * G[a, 0]
+            v += x[i, a] * G[a, 1]
+            w += x[i, a] * G[a, 2]
+        F[i, 0], F[i, 1], F[i, 2] = u, v, w
     return float(
         F[0, 0] * (F[1, 1] * F[2, 2] - F[1, 2] * F[2, 1])
         - F[0, 1] * (F[1, 0] * F[2, 2] - F[1, 2] * F[2, 0])
@@ -172,7 +196,7 @@ def deformation(x: Array, hexes: Indices, e: int, G: Array, F: Array) -> float:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _inverse(F: Array, J: float, out: Array) -> None:
     for i in range(3):
         for j in range(3):
@@ -180,13 +204,13 @@ def _inverse(F: Array, J: float, out: Array) -> None:
             out[j, i] = (F[k, n] * F[m, q] - F[k, q] * F[m, n]) / J
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _measure(law: int, F: Array, J: float) -> float:
     """Return the volumetric measure m."""
     return float(0.5 * ((F * F).sum() - 3)) if law == HOOKE else J - 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _measure_stress(law: int, F: Array, J: float, out: Array) -> None:
     """Set the Kirchhoff stress of the volumetric measure per unit pressure: J 1, or b for tr E."""
     for m in range(6):
@@ -197,21 +221,21 @@ def _measure_stress(law: int, F: Array, J: float, out: Array) -> None:
             out[m] = J if m < 3 else 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _moved_stress(A: Array, stress: Array, out: Array) -> None:
     """Set out (6,) to A stress A^T, stress (6,) symmetric."""
-    m = np.empty((3, 3))
-    for s in range(6):
-        m[ROW[s], COLUMN[s]] = stress[s]
-        m[COLUMN[s], ROW[s]] = stress[s]
-    for s in range(6):
-        i, j = ROW[s], COLUMN[s]
-        out[s] = 0.0
+    out[:] = 0.0
+    for j in range(3):
         for k in range(3):
-            out[s] += A[i, k] * (m[k, 0] * A[j, 0] + m[k, 1] * A[j, 1] + m[k, 2] * A[j, 2])
+            right = 0.0  # (stress A^T)_kj
+            for i in range(3):
+                right += stress[PLACE[k, i]] * A[j, i]
+            for i in range(3):
+                if PLACE[i, j] < 3 or (i, j) == (0, 1) or (i, j) == (1, 2) or (i, j) == (2, 0):
+                    out[PLACE[i, j]] += A[i, k] * right
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def linearised(  # noqa: PLR0917
     x: Array,
     step: Array,
@@ -224,19 +248,22 @@ def linearised(  # noqa: PLR0917
     mean: bool,
     out: Array,
 ) -> None:
-    """Set out (e, g, 7) to what stresses become after a step (n, 3) from x (n, 3), to first order.
+    """Set out (2, e, g, 7) to stresses at x (n, 3) and their change with a step (n, 3), to first order.
 
-    Six components of the shape-changing second Piola-Kirchhoff stress S + C : dE and the pressure
-    kappa (m + dm). With mean, all points of an element get the pressure of the element's mean.
+    Six components of the shape-changing second Piola-Kirchhoff stress S, dS = C : dE, and the
+    pressure kappa m. With mean, all points of an element get the pressure of the element's mean.
     """
     F, D, points = np.empty((3, 3)), np.empty((3, 3)), weight.shape[1]
-    inverse, d = np.empty((3, 3)), np.empty(6)
+    inverse, b, d, change = np.empty((3, 3)), np.empty((3, 3)), np.empty(6), np.empty(6)
     tau, c, unit = np.empty(6), np.empty((6, 6)), np.empty(6)
+    here, there = np.empty((3, hexes.shape[1])), np.empty((3, hexes.shape[1]))
     for e in range(len(hexes)):
-        total = volume = 0.0
+        _gather(x, hexes, e, here)
+        _gather(step, hexes, e, there)
+        total = total_change = volume = 0.0
         for g in range(points):
-            J = deformation(x, hexes, e, G[e, g], F)
-            deformation(step, hexes, e, G[e, g], D)
+            J = deformation(here, G[e, g], F)
+            deformation(there, G[e, g], D)
             _inverse(F, J, inverse)
             for s in range(6):
                 i, j = ROW[s], COLUMN[s]
@@ -244,44 +271,54 @@ def linearised(  # noqa: PLR0917
                 for k in range(3):
                     d[s] += D[i, k] * inverse[k, j] + (D[j, k] * inverse[k, i] if s > 2 else 0.0)
             _measure_stress(law[e], F, J, unit)
-            m = _measure(law[e], F, J) + (unit * d).sum()
-            material_point(law[e], q[e], F, J, tau, c)
+            m, dm = _measure(law[e], F, J), (unit * d).sum()
+            material_point(law[e], q[e], F, J, True, b, tau, c)
             for s in range(6):
+                change[s] = 0.0
                 for t in range(6):
-                    tau[s] += c[s, t] * d[t]
-            _moved_stress(inverse, tau, out[e, g])
+                    change[s] += c[s, t] * d[t]
+            _moved_stress(inverse, tau, out[0, e, g])
+            _moved_stress(inverse, change, out[1, e, g])
             total += weight[e, g] * m
+            total_change += weight[e, g] * dm
             volume += weight[e, g]
-            out[e, g, 6] = kappa[e] * m
+            out[0, e, g, 6], out[1, e, g, 6] = kappa[e] * m, kappa[e] * dm
         if mean:
             for g in range(points):
-                out[e, g, 6] = kappa[e] * total / volume
+                out[0, e, g, 6], out[1, e, g, 6] = kappa[e] * total / volume, kappa[e] * total_change / volume
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _add_stiffness(g: Array, tau: Array, c: Array, weight: float, out: Array) -> None:
-    """Add weight (B^T c B + (g . tau g) 1), upper triangle by nodes, to out (3a, 3a)."""
-    d = np.empty((6, 3))
-    for b in range(len(g)):
-        x, y, z = weight * g[b, 0], weight * g[b, 1], weight * g[b, 2]
-        for m in range(6):
-            d[m, 0] = c[m, 0] * x + c[m, 3] * y + c[m, 5] * z
-            d[m, 1] = c[m, 1] * y + c[m, 3] * x + c[m, 4] * z
-            d[m, 2] = c[m, 2] * z + c[m, 4] * y + c[m, 5] * x
+@compiled
+def _add_stiffness(g: Array, tau: Array, c: Array, weight: float, slope: Array, out: Array) -> None:  # noqa: PLR0917
+    """Add weight (B^T c B + (g . tau g) 1) to the node pairs b <= a of out (a, 9b + 3i + j).
+
+    slope (3, 9b) is room for d(stress)_ik / dx_bj: a row of out is then one sweep over long vectors.
+    """
+    nodes = len(g)
+    for b in range(nodes):
+        x, y, z, at = weight * g[b, 0], weight * g[b, 1], weight * g[b, 2], 9 * b
+        for s in range(6):
+            d0 = c[s, 0] * x + c[s, 3] * y + c[s, 5] * z
+            d1 = c[s, 1] * y + c[s, 3] * x + c[s, 4] * z
+            d2 = c[s, 2] * z + c[s, 4] * y + c[s, 5] * x
+            i, k = ROW[s], COLUMN[s]
+            one, other = at + 3 * i, at + 3 * k
+            slope[k, one], slope[k, one + 1], slope[k, one + 2] = d0, d1, d2
+            slope[i, other], slope[i, other + 1], slope[i, other + 2] = d0, d1, d2
         t0 = tau[0] * x + tau[3] * y + tau[5] * z
         t1 = tau[3] * x + tau[1] * y + tau[4] * z
         t2 = tau[5] * x + tau[4] * y + tau[2] * z
-        for a in range(b + 1):
-            u, v, w = g[a, 0], g[a, 1], g[a, 2]
-            same = u * t0 + v * t1 + w * t2
-            for j in range(3):
-                out[3 * a, 3 * b + j] += u * d[0, j] + v * d[3, j] + w * d[5, j]
-                out[3 * a + 1, 3 * b + j] += v * d[1, j] + u * d[3, j] + w * d[4, j]
-                out[3 * a + 2, 3 * b + j] += w * d[2, j] + v * d[4, j] + u * d[5, j]
-                out[3 * a + j, 3 * b + j] += same
+        for i in range(3):
+            slope[0, at + 4 * i] += t0
+            slope[1, at + 4 * i] += t1
+            slope[2, at + 4 * i] += t2
+    for a in range(nodes):
+        u, v, w = g[a, 0], g[a, 1], g[a, 2]
+        for s in range(9 * a + 9):
+            out[a, s] += u * slope[0, s] + v * slope[1, s] + w * slope[2, s]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def assemble(  # noqa: PLR0912, PLR0915, PLR0917
     x: Array,
     hexes: Indices,
@@ -310,13 +347,17 @@ def assemble(  # noqa: PLR0912, PLR0915, PLR0917
     nodes, points = hexes.shape[1], weight.shape[1]
     F, inverse, tau, c = np.empty((points, 3, 3)), np.empty((3, 3)), np.empty(6), np.empty((6, 6))
     unit, total, J = np.empty(6), np.empty(6), np.empty(points)
-    g, k, f, h = np.empty((nodes, 3)), np.empty((3 * nodes, 3 * nodes)), np.empty((nodes, 3)), np.empty(3 * nodes)
+    g, k, slope = np.empty((nodes, 3)), np.empty((nodes, 9 * nodes)), np.empty((3, 9 * nodes))
+    b, here, f, h = np.empty((3, 3)), np.empty((3, nodes)), np.empty((nodes, 3)), np.empty((nodes, 3))
     wanted, energy = len(stiffness) > 0, 0.0
     for e in range(len(hexes)):
-        k[:], f[:], h[:] = 0.0, 0.0, 0.0
+        if wanted:
+            k[:] = 0.0
+        f[:], h[:] = 0.0, 0.0
+        _gather(x, hexes, e, here)
         volume = measure = 0.0
         for p in range(points):
-            J[p] = deformation(x, hexes, e, G[e, p], F[p])
+            J[p] = deformation(here, G[e, p], F[p])
             if not J[p] > 0:
                 return e, energy
             measure += weight[e, p] * _measure(law[e], F[p], J[p])
@@ -325,14 +366,13 @@ def assemble(  # noqa: PLR0912, PLR0915, PLR0917
         for p in range(points):
             w = weight[e, p]
             m = measure if mean else _measure(law[e], F[p], J[p])
-            energy += w * (material_point(law[e], q[e], F[p], J[p], tau, c) + 0.5 * kappa[e] * m * m)
+            energy += w * (material_point(law[e], q[e], F[p], J[p], wanted, b, tau, c) + 0.5 * kappa[e] * m * m)
             _inverse(F[p], J[p], inverse)
             _measure_stress(law[e], F[p], J[p], unit)
             for a in range(nodes):
+                u, v, z = G[e, p, a, 0], G[e, p, a, 1], G[e, p, a, 2]
                 for i in range(3):
-                    g[a, i] = (
-                        G[e, p, a, 0] * inverse[0, i] + G[e, p, a, 1] * inverse[1, i] + G[e, p, a, 2] * inverse[2, i]
-                    )
+                    g[a, i] = u * inverse[0, i] + v * inverse[1, i] + z * inverse[2, i]
             for s in range(6):
                 total[s] = tau[s] + kappa[e] * m * unit[s]
             for a in range(nodes):
@@ -340,9 +380,9 @@ def assemble(  # noqa: PLR0912, PLR0915, PLR0917
                 f[a, 0] += total[0] * u + total[3] * v + total[5] * z
                 f[a, 1] += total[3] * u + total[1] * v + total[4] * z
                 f[a, 2] += total[5] * u + total[4] * v + total[2] * z
-                h[3 * a] += unit[0] * u + unit[3] * v + unit[5] * z
-                h[3 * a + 1] += unit[3] * u + unit[1] * v + unit[4] * z
-                h[3 * a + 2] += unit[5] * u + unit[4] * v + unit[2] * z
+                h[a, 0] += unit[0] * u + unit[3] * v + unit[5] * z
+                h[a, 1] += unit[3] * u + unit[1] * v + unit[4] * z
+                h[a, 2] += unit[5] * u + unit[4] * v + unit[2] * z
             if not wanted:
                 continue
             pressure = held[e, p, 6]
@@ -359,7 +399,7 @@ def assemble(  # noqa: PLR0912, PLR0915, PLR0917
                 for s in range(6):
                     for t in range(6):
                         c[s, t] += kappa[e] * unit[s] * unit[t]
-            _add_stiffness(g, total, c, w, k)
+            _add_stiffness(g, total, c, w, slope, k)
             for a in range(nodes):
                 node, u, v, z = hexes[e, a], w * g[a, 0], w * g[a, 1], w * g[a, 2]
                 carried[node, 0] += total[0] * u + total[3] * v + total[5] * z
@@ -370,22 +410,21 @@ def assemble(  # noqa: PLR0912, PLR0915, PLR0917
                 force[hexes[e, a], i] += f[a, i]
         if not wanted:
             continue
-        if mean:
-            for a in range(3 * nodes):
-                for b in range(3 * nodes):
-                    k[a, b] += kappa[e] / volume * h[a] * h[b]
-        for b in range(nodes):
-            for a in range(b + 1):
-                upper, lower = slot[e, a, b], slot[e, b, a]
+        for a in range(nodes):
+            for other_node in range(a + 1):
+                one, other = slot[e, a, other_node], slot[e, other_node, a]
                 for i in range(3):
                     for j in range(3):
-                        stiffness[upper, i, j] += k[3 * a + i, 3 * b + j]
-                        if a != b:
-                            stiffness[lower, j, i] += k[3 * a + i, 3 * b + j]
+                        value = k[a, 9 * other_node + 3 * i + j]
+                        if mean:
+                            value += kappa[e] / volume * h[a, i] * h[other_node, j]
+                        stiffness[one, i, j] += value
+                        if a != other_node:
+                            stiffness[other, j, i] += value
     return -1, energy
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def press(  # noqa: PLR0912, PLR0917
     x: Array,
     quads: Indices,
@@ -438,7 +477,7 @@ def press(  # noqa: PLR0912, PLR0917
     return volume
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def dense_block(  # noqa: PLR0917
     data: Array, column: Indices, start: Indices, first: int, last: int, left: int, out: Array
 ) -> None:

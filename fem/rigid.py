@@ -30,6 +30,16 @@ def moved(nodes: Array, unknowns: Array) -> Array:
     return np.asarray(nodes[-1] + unknowns[:3] + arms @ rotation(unknowns[3:] / size).T)
 
 
+def fitted(nodes: Array, near: Array) -> Array:
+    """Return nodes (t, 3) after the rigid motion that brings them nearest to other places (t, 3)."""
+    if not len(nodes):
+        return nodes
+    middle, there = nodes.mean(axis=0), near.mean(axis=0)
+    u, _, v = np.linalg.svd((near - there).T @ (nodes - middle))
+    u[:, 2] *= np.sign(np.linalg.det(u @ v))  # plane nodes leave the third direction open
+    return np.asarray((nodes - middle) @ (u @ v).T + there)
+
+
 def turning(nodes: Array, forces: Array) -> Array:
     """Return the stiffness (3, 3) that forces (t, 3) have against rotations [N/m].
 

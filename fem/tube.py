@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,9 @@ from fem.continuation import PRESSURE, Point, follow
 from fem.element import Body, make_body
 from fem.equilibrium import Newton, System
 from fem.material import Law, NeoHooke, printable
+
+if TYPE_CHECKING:
+    from fem.accuracy import Accuracy
 
 DISC = NeoHooke(c1=2000e6 / 2.7 / 2, nu=0.35, name="cap")  # E 2 GPa: a rigid plastic
 
@@ -122,8 +125,14 @@ class Inflation:
 
     @property
     def iterations(self) -> NDArray[np.int64]:
-        """Newton iterations spent to reach each load from the one before (n,)."""
-        return np.array([len(p.residuals) for p in self.points])
+        """Corrections by Newton's method, spent to reach each load from the one before (n,)."""
+        return np.array([p.iterations for p in self.points])
+
+    def accuracy(self, index: int = -1) -> "Accuracy":
+        """Return how far off the mesh makes one equilibrium; solves a better one, see fem.accuracy.estimate."""
+        from fem.accuracy import estimate
+
+        return estimate(self, index)
 
     @property
     def displacement(self) -> Array:

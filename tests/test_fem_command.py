@@ -70,7 +70,7 @@ def test_a_peer_that_fails_is_a_row_that_says_so(monkeypatch) -> None:
 
     monkeypatch.setattr(fem_peers, "run_peer", refuse)
     rows, _ = fem_peers.peer_rows(twist_tube((32, 32, 1)), peers=True)
-    assert [row.failed for row in rows] == ["", *["felupe cannot be installed"] * 2]
+    assert [row.failed for row in rows] == ["", *["felupe cannot be installed"] * 3]
     rows, notes = fem_peers.peer_rows(twist_tube((32, 32, 1)), peers=False)
     assert [row.method for row in rows] == ["TWIST to 20 kPa, this project"]
     assert rows[0].error < 1e-9

@@ -22,7 +22,8 @@ def run_peer(script: str, requirements: tuple[str, ...], task: dict[str, Any], *
     """
     python = _environment(requirements)
     command = [str(python), str(SCRIPTS / script), json.dumps(task)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=timeout_s)
+    one_thread = os.environ | {"OMP_NUM_THREADS": "1"}  # as ours: with two, small blocks wait for one another
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=timeout_s, env=one_thread)
     lines = done.stdout.splitlines()
     if done.returncode or not lines:
         said = done.stderr.strip().splitlines()
