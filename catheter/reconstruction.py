@@ -1,18 +1,21 @@
 """An inverse problem as a scene describes it: a body, what is wanted or seen of it, and how its map is sought."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from catheter.inflatable import Pattern, Shape
-from data.errors import BadInput
+from data.errors import BadInput, CatheterError
 from data.options import option
 from data.signal import Array
 from fem.inverse import Inversion, Iteration, Problem, Reconstruction, reconstruct
 from fem.observation import Observation, Pose, Seen, centreline, nodes, twist
 from fem.voxels import Standing, Voxels
+
+if TYPE_CHECKING:
+    from fem.palette import Printed
 
 SEEN = ("all", "outer", "markers", "centreline", "tip", "twist")
 SEEDS = ("uniform", "gap", "random")
@@ -53,6 +56,10 @@ class Palette:
         from fem.material import printable
 
         return tuple(sorted(printable(name).c1 for name in self.materials))
+
+    def moduli_of(self, chosen: Any) -> Array:
+        """Return c1 of chosen materials [Pa]."""
+        return np.array(self.moduli())[chosen]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,6 +104,17 @@ class Case:
     def problem(self) -> Problem:
         """What is seen beside the forward problem."""
         return Problem(self.voxels, list(self.observations))
+
+    def names(self, palette: Palette) -> list[str]:
+        """Return the palette's materials, soft to stiff."""
+        from fem.material import printable
+
+        return sorted(palette.materials, key=lambda name: printable(name).c1)
+
+    def errors(self, standings: Sequence[Standing]) -> Array:
+        """Return every node's distance from where the truth puts it, at all pressures (n,) [m]."""
+        pairs = zip(standings, self.whole, strict=True)
+        return np.concatenate([np.linalg.norm(a.state.x - b.state.x, axis=1) for a, b in pairs])
 
     def seed(self, options: Inversion) -> Array:
         """Return the moduli (v,) [Pa] that the scene starts from. Raises BadInput for a gap that nobody can see."""
@@ -219,6 +237,47 @@ def solved(
     """Return a case's map from its own seed, or from another."""
     first = case.seed(options) if seed is None else seed
     return reconstruct(case.voxels, case.observations, first, case.variation, options, progress)
+
+
+def discretised(case: Case, found: Reconstruction, palette: Palette) -> "Iterator[tuple[str, Printed | CatheterError]]":
+    """Yield each way of choosing printable materials for a map, and what would be printed, solved."""
+    from fem.palette import binned, diffused, dithered, printed, swapped
+
+    problem, moduli, start = case.problem, palette.moduli(), found.standings
+    flat = found.moduli.reshape(case.grid)
+    plain = {
+        "nearest": lambda: binned(flat, moduli),
+        "nearest in logarithm": lambda: binned(flat, moduli, log=True),
+        "dithered": lambda: dithered(flat, moduli),
+        "dithered in logarithm": lambda: dithered(flat, moduli, log=True),
+    }
+    for name, choose in plain.items():
+        try:
+            yield name, printed(problem, choose(), moduli, start)
+        except CatheterError as error:
+            yield name, error
+    try:
+        first = diffused(problem, start, moduli)
+        yield "by mechanics", first
+        yield "by mechanics, swapped", swapped(problem, first, moduli, rounds=palette.rounds)
+    except CatheterError as error:
+        yield "by mechanics", error
+
+
+def curve_of(path: Any) -> tuple[Array, Array, str]:
+    """Return pressures [Pa] and twists [rad] of a recording at the twist's times, and its origin.
+
+    Raises BadInput for a recording without them.
+    """
+    from data.recording import Recording
+
+    with Recording(path) as recording:
+        pressure, angle = recording.signal("/pressure"), recording.signal("/twist")
+        twists = np.asarray(angle.values, dtype=float).reshape(len(angle.time_s), -1)[:, 0]
+        at = np.interp(angle.time_s, pressure.time_s, np.asarray(pressure.values, dtype=float).ravel())
+        kind = str(recording.kind)
+    good = np.isfinite(twists)
+    return at[good], twists[good], kind
 
 
 @dataclass(frozen=True)

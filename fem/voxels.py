@@ -75,16 +75,15 @@ class Voxels:
         softest = min(self.law.shear * float(moduli.min()), self.rest.shear if (self.which < 0).any() else np.inf)
         body = replace(unit, numbers=numbers, kappa=unit.kappa * factor, softest=softest)
         made = replace(self.system, body=body)
-        made.__dict__.update({key: value for key, value in self._shared.items() if key not in {"body"}})
+        made.__dict__.update(self._shared)
         return made
 
     @cached_property
     def _shared(self) -> dict[str, Any]:
         """What a system works out from its mesh alone."""
         system = self.system
-        _ = system.extent, system.closed, system.symmetric, system.free, system._ends, system.method, system._places  # noqa: SLF001
         names = [name for name, value in vars(System).items() if isinstance(value, cached_property)]
-        return {name: system.__dict__[name] for name in names if name in system.__dict__}
+        return {name: getattr(system, name) for name in names}
 
     def onto(self, x: Array) -> Any:
         """Return d(positions) / d(unknowns) at positions x, sparse (3n, k)."""
@@ -143,7 +142,7 @@ class Voxels:
         system = self.with_moduli(np.exp(log))
         found = []
         for point in continuation.follow(system, loads):
-            state = State(point.x, point.load, system.body.linearised(point.x, np.zeros_like(point.x)))
+            state = State(point.x, point.load)
             found.append(Standing(log, state, system.tangent(state)))
         return found
 
@@ -193,7 +192,7 @@ def _settled(system: System, state: State, log: Array) -> Standing:
             break
         move = tangent.solve(-tangent.residual[:, None])[:, 0]
         largest = float(np.abs(move).max())
-        state = system.moved(state, move * min(1.0, longest / (largest or 1.0)))
+        state = system.moved(state, move * min(1.0, longest / (largest or 1.0)), state.load)
         if norms[-1] <= max(system.newton.tolerance, system.body.noise / scale):
             if tangent.negative:
                 raise DidNotConverge(f"{tangent.negative} negative pivot(s) at {state.load:.6g} Pa: it would be unstable")

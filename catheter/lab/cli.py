@@ -20,6 +20,7 @@ COMMANDS = {  # what each is for, and the module that does it: NAME_options(pars
     "run": ("run a scene of the robot: events, objective and stroke beside the published values", "circuit_commands"),
     "tune": ("find the best valves: the thesis's map, and the optimum next to its best cell", "circuit_commands"),
     "inflate": ("inflate a printed tube of two materials: twist, extension, bending, stability", "inflate_command"),
+    "invert": ("find a material map from a wanted motion, or constants from a recording", "invert_command"),
     "fmu": ("write the robot's hydraulic circuit as an FMU for other tools, and try it", "fmu_command"),
     "record": ("simulate a scene and record it, marked as simulated", "recording_commands"),
     "import": ("turn a laboratory's text log into a recording", "recording_commands"),
