@@ -56,7 +56,7 @@ class Inversion:
 class Iteration:
     """One linearisation: its number, the seconds until then, root mean square misfit, weight, largest log change.
 
-    misfit is in noises where they are given, otherwise over the largest value seen.
+    misfit is in noises where they are given, otherwise over the largest value seen; outliers count as in the search.
     """
 
     number: int
@@ -190,7 +190,7 @@ class _Search(Problem):
         for number in range(self.options.most_iterations + 1):
             misfit = self.misfit(standings)
             log = standings[0].log
-            mean = float((misfit**2).mean())
+            mean = float((self._robust(misfit) * misfit**2).mean())
             weight = self._weight(mean)
             seconds = time.perf_counter() - started
             history.append(Iteration(number, seconds, mean**0.5, weight, change, log))

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from data.signal import Array
 from fem.inverse import Inversion, Problem, Reconstruction
-from fem.regular import Variation
 
 HALF = 0.5  # a voxel is determined where data halve the variance that its neighbours alone would leave
 
@@ -26,14 +25,17 @@ class Determined:
 
 
 def determined(problem: Problem, found: Reconstruction, pairs: Any, options: Inversion) -> Determined:
-    """Return what the data determine of a map: Laplace's approximation, misfits and variation quadratic around it.
+    """Return what the data determine of a map, misfits and prior quadratic around it.
+
+    Neighbours' differences are taken as normal, with the variance of the variation's prior, 2 prior^2: the
+    variation's own curvature, infinite on a flat map, would call everything known.
 
     Data without noise are taken to be off by what is left of the misfit, or 1e-9 of the largest value seen.
     """
     slope = problem.slope(found.standings)
     curvature = slope.T @ slope
     noise = max(found.noise, found.misfit if not found.noise else 0.0, 1e-9)
-    prior = Variation(pairs, options.edge).curvature(np.log(found.moduli)) / options.prior
+    prior = np.asarray((pairs.T @ pairs).toarray()) / (2 * options.prior**2)
     prior[np.diag_indices(len(prior))] += 1 / np.log(options.most / options.least) ** 2  # the bounds' own width
     data = curvature / noise**2
     inverse = np.linalg.inv(data + prior)

@@ -133,6 +133,14 @@ class Voxels:
         scale = dia_array((np.exp(standing.log)[None], [0]), shape=(self.count, self.count))
         return (self.onto(x).T @ self.unit_forces(x) @ scale).tocsc()
 
+    def stiffest(self, standing: Standing) -> float:
+        """Return a bound of the tangent's largest eigenvalue [N/m]: the largest absolute row sum of its blocks."""
+        system = self.with_moduli(np.exp(standing.log))
+        x = standing.state.x
+        blocks = system.body.forces(x, system.body.linearised(x, np.zeros_like(x))).stiffness
+        rows = np.add.reduceat(np.abs(blocks).sum(axis=2), system.body.pattern.start[:-1], axis=0)
+        return float(rows.max())
+
     def inflate(self, log: Array, load: float) -> Standing:
         """Return a map's equilibrium at a load [Pa], from rest. Raises DidNotConverge."""
         return self.path(log, [load])[0]
