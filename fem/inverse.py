@@ -12,7 +12,7 @@ much softer than its neighbours takes up strain linearly in its modulus, one muc
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,8 @@ from fem.voxels import Standing, Voxels
 
 EXACT = 1e-20  # mean squared misfit over the largest value seen, below which nothing is left to explain
 SMALL_GAIN, SMALL_STEP = 1e-3, 1e-7
+LEAST_REACH = 1e-4  # of a step in log modulus, below which a shorter one is not tried
+FLAT, BROKEN = 0.05, 1.0  # log range of a map that counts as one modulus, and the spread that breaks its symmetry
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,11 +108,19 @@ def reconstruct(
     """Return the map in bounds that explains what was seen, from a seed of moduli (v,) [Pa].
 
     variation: neighbours' differences (p, v), see fem.regular.neighbours. A seed that cannot bear the
-    pressure is doubled until it can; maps past their limit point on the way are stepped back from. Raises
+    pressure is doubled until it can. A search that ends with one modulus everywhere and leaves something to
+    explain (a pure twist has no slope there) is repeated once from a seed scattered about its own. Maps past their limit point on the way are stepped back from. Raises
     BadInput for observations without order, DidNotConverge if no map in bounds bears the pressure.
     """
-    search = _Search(voxels, list(observations), options or Inversion(), variation)
-    return search.run(seed, progress or (lambda _: None))
+    options, tell = options or Inversion(), progress or (lambda _: None)
+    found = _Search(voxels, list(observations), options, variation).run(seed, tell)
+    if found.why == "explained" or np.ptp(np.log(found.moduli)) > FLAT:
+        return found
+    apart = np.exp(BROKEN * np.random.default_rng(0).standard_normal(voxels.count))
+    again = _Search(voxels, list(observations), options, variation).run(seed * apart, tell)
+    if again.misfit >= found.misfit:
+        return found
+    return replace(again, why=f"{again.why}, from a seed whose symmetry was broken")
 
 
 @dataclass(eq=False)
@@ -195,8 +205,8 @@ class _Search(Problem):
             seconds = time.perf_counter() - started
             history.append(Iteration(number, seconds, mean**0.5, weight, change, log))
             progress(history[-1])
-            if mean <= EXACT or change <= SMALL_STEP or idle >= 2:
-                why = "explained" if mean <= EXACT else "settled"
+            if (mean <= EXACT and not self.noisy) or change <= SMALL_STEP or idle >= 2:
+                why = "explained" if mean <= max(EXACT, 2 * self.noise**2) else "settled"
                 break
             if number == self.options.most_iterations:
                 break
@@ -215,8 +225,7 @@ class _Search(Problem):
 
     def _weight(self, mean: float) -> float:
         """Return the weight of the variation beside the mean squared misfit."""
-        believed = min(mean, max(self.noise**2, self.options.eager * mean))
-        return believed / self.options.prior
+        return max(self.noise**2, self.options.eager * mean) / self.options.prior
 
     def _robust(self, misfit: Array) -> Array:
         """Return Huber's weights of misfits."""
@@ -233,7 +242,7 @@ class _Search(Problem):
         curvature, rise = slope.T @ slope, slope.T @ misfit
         log = standings[0].log
         before = float(misfit @ misfit) + 2 * weight * self.variation.value(log)
-        while self.reach > 1e-6:
+        while self.reach > LEAST_REACH:
             step, goal = self._proposed(curvature, rise, weight, log)
             turned = 2 * weight * (self.variation.value(goal) - self.variation.value(log))
             foreseen = -float(2 * rise @ step + step @ (curvature @ step)) - turned

@@ -40,5 +40,7 @@ def determined(problem: Problem, found: Reconstruction, pairs: Any, options: Inv
     data = curvature / noise**2
     inverse = np.linalg.inv(data + prior)
     share = np.einsum("ij,ji->i", inverse, data)  # of each log modulus, what the data rather than the prior say
-    singular = np.sqrt(np.maximum(np.linalg.eigvalsh(curvature)[::-1], 0.0))
+    singular = np.zeros(len(prior))
+    known = np.linalg.svd(np.linalg.qr(slope, mode="r"), compute_uv=False)
+    singular[: len(known)] = known
     return Determined(singular, np.sqrt(np.diag(inverse)), share > HALF)

@@ -31,6 +31,8 @@ STUDIES = {  # the module of each report; the function has its name, with "_" fo
     "hydraulics-stability": "circuit_study",
     "fem": "fem_study",
     "fem-stability": "fem_study",
+    "inverse": "inverse_study",
+    "inverse-stability": "inverse_study",
     "twist": "vision_study",
     "twist-stress": "vision_stress",
     "twist-containers": "container_study",
