@@ -63,6 +63,21 @@ class Palette:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Bench:
+    """A recording of the actuator: samples at a rate [Hz] while the pressure rises, and its noises.
+
+    off: the materials' moduli over those of the table. camera_noise [rad]; pressure_noise over the reading.
+    """
+
+    samples: int = option(240, least=8, most=100_000)
+    rate: float = option(4.0, unit="Hz", least=1e-3)
+    off: float = option(1.05, least=0.1, most=10.0)
+    camera_noise: float = option(8.726646e-4, unit="rad", least=0.0)
+    pressure_noise: float = option(0.01, least=0.0, most=0.5)
+    number: int = option(0, least=0)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Cube:
     """A block of voxels, one an element, of which those with an odd sum of their numbers' halves are stiff.
 
@@ -272,9 +287,9 @@ def curve_of(path: Any) -> tuple[Array, Array, str]:
     from data.recording import Recording
 
     with Recording(path) as recording:
-        pressure, angle = recording.signal("/pressure"), recording.signal("/twist")
-        twists = np.asarray(angle.values, dtype=float).reshape(len(angle.time_s), -1)[:, 0]
-        at = np.interp(angle.time_s, pressure.time_s, np.asarray(pressure.values, dtype=float).ravel())
+        pressure, angle = recording.signal("/pressure", "pressure"), recording.signal("/twist", "angle")
+        twists = angle.value
+        at = np.interp(angle.time_s, pressure.time_s, pressure.value)
         kind = str(recording.kind)
     good = np.isfinite(twists)
     return at[good], twists[good], kind

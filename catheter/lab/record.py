@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from data.recorder import Recorder
 from data.signal import Signal
 from data.topics import STANDARD, standard
 
+if TYPE_CHECKING:
+    from catheter.lab.record_actuator import ActuatorRun
+
 RUNS: dict[str, Callable[..., BenchRun]] = {
     "chirp": bench_runs.bender,
     "ramp": bench_runs.bender,
@@ -25,11 +29,15 @@ RUNS: dict[str, Callable[..., BenchRun]] = {
 }
 
 
-def record(scene: Scene, out: Path, *, overwrite: bool = False) -> Run | BenchRun:
+def record(scene: Scene, out: Path, *, overwrite: bool = False) -> "Run | BenchRun | ActuatorRun":
     """Simulate a scene and write its recording; the same scene gives the same bytes.
 
     Raises BadInput for a scene that is not simulated or an impossible one, CannotWrite for the output.
     """
+    if scene.heading.kind == "inverse":
+        from catheter.lab.record_actuator import record_actuator
+
+        return record_actuator(scene, out, _origin(scene), overwrite=overwrite)
     if scene.heading.kind in RUNS:
         return _record_run(scene, out, overwrite)
     if scene.heading.kind != "bender":

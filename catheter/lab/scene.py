@@ -50,6 +50,7 @@ TABLES: dict[str, dict[str, str]] = {
         "wanted": "catheter.reconstruction.Wanted",
         "inversion": "fem.inverse.Inversion",
         "palette": "catheter.reconstruction.Palette",
+        "bench": "catheter.reconstruction.Bench",
     },
     "inverse-block": {
         "block": "catheter.reconstruction.Cube",
