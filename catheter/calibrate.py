@@ -31,7 +31,7 @@ class Curve:
     by_log: Array
 
     def at(self, pressure: Array) -> tuple[Array, Array, Array]:
-        """Return angle, slope (n,) and slope over log moduli (n, m) at other pressures, beyond the ends a straight line."""
+        """Return angle, slope (n,) and slope over log moduli (n, m) elsewhere, straight beyond the ends."""
         from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
         inside = np.clip(pressure, self.pressure[0], self.pressure[-1])
@@ -81,11 +81,13 @@ def calibrate(
         step = np.linalg.lstsq(rows, misfit, rcond=None)[0]
         log = log + step * min(1.0, 0.3 / float(np.abs(step).max() or 1.0))
         if np.abs(step).max() < SETTLED:
-            covariance = np.linalg.inv(rows.T @ rows)
+            covariance: Array = np.asarray(np.linalg.inv(rows.T @ rows), dtype=np.float64)
             half = NORMAL_95 * np.sqrt(np.diag(covariance))
-            interval = np.exp(np.stack([log - half, log + half], axis=1))
+            interval: Array = np.exp(np.stack([log - half, log + half], axis=1))
             return Calibration(np.exp(log), covariance, interval, float(np.sqrt((misfit**2).mean())), number)
-    raise DidNotConverge(f"calibration: steps of {np.abs(step).max():.1e} after {MOST_STEPS}; measure at more pressures")
+    raise DidNotConverge(
+        f"calibration: steps of {np.abs(step).max():.1e} after {MOST_STEPS}; measure at more pressures"
+    )
 
 
 def groups(voxels: Voxels, material: Any) -> Voxels:
@@ -113,7 +115,13 @@ def _point(voxels: Voxels, standing: Standing) -> tuple[float, float, Array]:
     """Return angle, slope over pressure and over log moduli at an equilibrium."""
     rest, x, ring = voxels.mesh.nodes, standing.state.x, voxels.mesh.ring
     seen = Pose(
-        pressure=standing.state.load, ring=ring, rest=rest, shift=np.zeros(3), turn=np.zeros(3), arm=1.0, angle_only=True
+        pressure=standing.state.load,
+        ring=ring,
+        rest=rest,
+        shift=np.zeros(3),
+        turn=np.zeros(3),
+        arm=1.0,
+        angle_only=True,
     )
     rows = seen.slope(x)
     rise = standing.tangent.solve(-standing.tangent.slope[:, None])[:, 0]
@@ -121,7 +129,9 @@ def _point(voxels: Voxels, standing: Standing) -> tuple[float, float, Array]:
     return twist(rest[ring], x[ring]), slope, adjoint(voxels, standing, rows)[0]
 
 
-def surrogate(curve: Callable[[Array], Curve], centre: Array, reach: float, degree: int = 4) -> Callable[[Array], Curve]:
+def surrogate(
+    curve: Callable[[Array], Curve], centre: Array, reach: float, degree: int = 4
+) -> Callable[[Array], Curve]:
     """Return a model tabulated on Chebyshev points of log moduli within +-reach of centre (2,), for many repeats.
 
     Interpolates angle, slope and derivatives by products of Chebyshev polynomials. Raises BadInput for other than
@@ -134,7 +144,9 @@ def surrogate(curve: Callable[[Array], Curve], centre: Array, reach: float, degr
     at = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
     table = [[curve(centre + reach * np.array([a, b])) for b in at] for a in at]
     inverse = np.linalg.inv(chebyshev.chebvander(at, degree))
-    stacked = [np.array([[getattr(one, name) for one in row] for row in table]) for name in ("angle", "slope", "by_log")]
+    stacked = [
+        np.array([[getattr(one, name) for one in row] for row in table]) for name in ("angle", "slope", "by_log")
+    ]
     weights = [np.einsum("ai,bj,ij...->ab...", inverse, inverse, values) for values in stacked]
 
     def model(log: Array) -> Curve:

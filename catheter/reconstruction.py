@@ -59,7 +59,7 @@ class Palette:
 
     def moduli_of(self, chosen: Any) -> Array:
         """Return c1 of chosen materials [Pa]."""
-        return np.array(self.moduli())[chosen]
+        return np.asarray(np.array(self.moduli())[chosen])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,7 +204,7 @@ def observed(voxels: Voxels, x: Array, pressure: float, wanted: Wanted, rng: np.
     moved = wanted.stretched * (x - mesh.nodes)
     sd = wanted.noise * float(np.abs(moved).max())
     x = mesh.nodes + moved + sd * rng.standard_normal(x.shape)
-    ring = mesh.ring if len(mesh.ring) else np.flatnonzero(mesh.nodes[:, 2] >= mesh.nodes[:, 2].max() - 1e-9)
+    ring: Any = mesh.ring if len(mesh.ring) else np.flatnonzero(mesh.nodes[:, 2] >= mesh.nodes[:, 2].max() - 1e-9)
     if wanted.seen in ("tip", "twist"):
         rest, now = mesh.nodes[ring], x[ring]
         turn = np.array([0.0, 0.0, twist(rest, now)])
@@ -260,7 +260,7 @@ def discretised(case: Case, found: Reconstruction, palette: Palette) -> "Iterato
 
     problem, moduli, start = case.problem, palette.moduli(), found.standings
     flat = found.moduli.reshape(case.grid)
-    plain = {
+    plain: dict[str, Callable[[], Any]] = {
         "nearest": lambda: binned(flat, moduli),
         "nearest in logarithm": lambda: binned(flat, moduli, log=True),
         "dithered": lambda: dithered(flat, moduli),

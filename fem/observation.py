@@ -58,7 +58,7 @@ class Seen(Observation):
         """Return the displacements less those seen (k,) [m]."""
         return np.asarray(self.rows @ (x - self.rest).ravel() - self.target)
 
-    def slope(self, x: Array) -> Any:  # noqa: ARG002, others depend on where they are
+    def slope(self, x: Array) -> Any:
         """Return the rows."""
         return self.rows
 
@@ -101,7 +101,9 @@ class Pose(Observation):
             return self._angle_slope(then[:, :2], now[:, :2], x.size)
         inertia = (now**2).sum() * np.eye(3) - now.T @ now
         crosses = np.stack([np.cross(now, axis) for axis in np.eye(3)], axis=-1)  # a x e_j, (c, 3, j)
-        turn = self.arm * np.linalg.solve(inertia, crosses.reshape(3 * count, 3).reshape(count, 3, 3).transpose(1, 0, 2).reshape(3, -1))
+        turn = self.arm * np.linalg.solve(
+            inertia, crosses.reshape(3 * count, 3).reshape(count, 3, 3).transpose(1, 0, 2).reshape(3, -1)
+        )
         out = np.zeros((6, x.size))
         places = (3 * self.ring[:, None] + np.arange(3)).ravel()
         out[3:, places] = turn

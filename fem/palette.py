@@ -65,7 +65,9 @@ def steps(now: Array, then: Array) -> Array:
     return np.asarray(np.where(ratio >= 1, ratio - 1, 1 - 1 / ratio))
 
 
-def shed(moduli: Array, palette: Sequence[float], curvature: Array, rise: Array, order: Choice, count: int) -> Array:
+def shed(  # noqa: PLR0917
+    moduli: Array, palette: Sequence[float], curvature: Array, rise: Array, order: Choice, count: int
+) -> Array:
     """Return moduli (v,) of which the first `count` of `order` are materials, the others of it moved to make up for it.
 
     curvature (o, o) and rise (o,) are S^T S and S^T misfit of the voxels in `order`, over log moduli. Each

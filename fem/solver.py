@@ -274,7 +274,8 @@ class SuperLU:
 
     def solve(self, right: Array, *, transposed: bool = False) -> Array:
         """Return the solution for right-hand sides (n, k), of the transposed matrix if asked for."""
-        return np.asarray(self._lu.solve(right, trans="T" if transposed else "N"))
+        solve: Any = self._lu.solve  # scipy's stubs know no trans
+        return np.asarray(solve(right, trans="T" if transposed else "N"))
 
 
 def _odd(permutation: Integers) -> int:

@@ -48,7 +48,7 @@ class ThesisWeights:
     most: int = field(default=20)
 
 
-def thesis_inverse(
+def thesis_inverse(  # noqa: PLR0917
     voxels: Voxels,
     seen: Seen,
     seed: Array,
@@ -94,7 +94,7 @@ def _borne(voxels: Voxels, standing: Standing, moduli: Array, change: Array, cla
     raise AssertionError
 
 
-def _update(
+def _update(  # noqa: PLR0917
     voxels: Voxels, standing: Standing, seen: Seen, misfit: Array, moduli: Array, pairs: Any,
     bounds: tuple[float, float], weights: ThesisWeights,
 ) -> Array:  # fmt: skip
@@ -123,7 +123,7 @@ def _update(
 
 
 def regularised(voxels: Voxels, standing: Standing) -> Array:
-    """Return -(K + lambda I)^-1 dF/d(log moduli) (k, v) (6.24, 6.26): lambda ten times up until the condition is < 1e12.
+    """Return -(K + lambda I)^-1 dF/d(log moduli) (k, v) (6.24, 6.26): lambda where the condition demands it.
 
     lambda is in units of the mean diagonal of K, whose own condition is taken from its factor by norms of one vector.
     """

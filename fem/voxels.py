@@ -13,11 +13,11 @@ import numpy as np
 from data.errors import BadInput, DidNotConverge
 from data.signal import Array
 from fem import continuation, rigid
-from fem.element import Body, make_body
+from fem.element import make_body
 from fem.equilibrium import Newton, State, System, Tangent
 from fem.grid import Indices, Mesh
 from fem.kernel import assemble
-from fem.material import Law, NeoHooke, Ogden, scaled
+from fem.material import Law, NeoHooke, Ogden
 
 UNIT = NeoHooke(c1=1.0)
 TIMID = 0.5  # the largest predicted move in one go, over the largest displacement there is
@@ -110,9 +110,10 @@ class Voxels:
         """Return the forces (n, 3) of the elements that belong to no voxel [N]."""
         rows, columns, force = self._element_forces(x)
         known = columns < 0
-        return np.bincount(rows[known], force[known], minlength=x.size).reshape(x.shape)
+        total = np.bincount(rows[known], force[known], minlength=x.size)
+        return np.asarray(total.reshape(x.shape), dtype=np.float64)
 
-    def _element_forces(self, x: Array) -> tuple[Array, Array, Array]:
+    def _element_forces(self, x: Array) -> tuple[Any, Any, Array]:
         """Return rows, voxels and values of every element's forces on its nodes."""
         body, nodes = self.system.body, self.mesh.hexes.shape[1]
         apart = np.arange(self.mesh.hexes.size, dtype=np.int32).reshape(self.mesh.hexes.shape)
@@ -130,7 +131,7 @@ class Voxels:
         from scipy.sparse import dia_array
 
         x = standing.state.x
-        scale = dia_array((np.exp(standing.log)[None], [0]), shape=(self.count, self.count))
+        scale: Any = dia_array((np.exp(standing.log)[None], np.zeros(1, dtype=int)), shape=(self.count, self.count))
         return (self.onto(x).T @ self.unit_forces(x) @ scale).tocsc()
 
     def stiffest(self, standing: Standing) -> float:
@@ -203,6 +204,8 @@ def _settled(system: System, state: State, log: Array) -> Standing:
         state = system.moved(state, move * min(1.0, longest / (largest or 1.0)), state.load)
         if norms[-1] <= max(system.newton.tolerance, system.body.noise / scale):
             if tangent.negative:
-                raise DidNotConverge(f"{tangent.negative} negative pivot(s) at {state.load:.6g} Pa: it would be unstable")
+                raise DidNotConverge(
+                    f"{tangent.negative} negative pivot(s) at {state.load:.6g} Pa: it would be unstable"
+                )
             return Standing(log, state, tangent)
     raise DidNotConverge(f"residual {norms[-1]:.1e} of the load after {len(norms)} steps at {state.load:.6g} Pa")

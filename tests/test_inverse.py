@@ -200,7 +200,8 @@ def test_constants_from_a_twist_curve_fall_into_their_intervals() -> None:
         pressure = at * (1 + 0.01 * rng.standard_normal(800))
         one = calibrate(model, pressure, angle, angle_sd=np.radians(0.05), pressure_share=0.01, seed=table)
         hits += (one.interval[:, 0] <= truth) & (truth <= one.interval[:, 1])
-    assert (180 <= hits).all() and (hits <= 198).all()  # the 99 % band of 200 draws at 95 %
+    assert hits.min() >= 180
+    assert hits.max() <= 198  # the 99 % band of 200 draws at 95 %
 
 
 def test_a_sweep_takes_an_executor() -> None:

@@ -47,7 +47,7 @@ def inverse(*, quick: bool, progress: Progress) -> Report:
         rows=rows,
         notes=[
             "Noise: standard deviation over the largest displacement; every node seen unless it says outside only.",
-            "Uniform seed of 1 MPa; the thesis's method from its own seed, weights 0, 1, 0 and two classes four times.",
+            "Uniform seed of 1 MPa; the thesis's method: its own seed, weights 0, 1, 0, two classes four times.",
             "A method that ends early keeps its last map; L-BFGS has the variation's weight of the noise from the start.",
         ],
     )
@@ -56,13 +56,13 @@ def inverse(*, quick: bool, progress: Progress) -> Report:
 Told = Callable[[Any, float], None]
 
 
-def _gap(case: Case, tell: Told, quick: bool) -> None:  # noqa: ARG001
+def _gap(case: Case, tell: Told, quick: bool) -> None:
     started = time.perf_counter()
     found = replace(case, wanted=replace(case.wanted, seed="gap")).seed(Inversion())
     tell(found, time.perf_counter() - started)
 
 
-def _newton(case: Case, tell: Told, quick: bool) -> None:  # noqa: ARG001
+def _newton(case: Case, tell: Told, quick: bool) -> None:
     solved(case, Inversion(), None, lambda one: tell(np.exp(one.log), one.seconds))
 
 
@@ -91,7 +91,9 @@ METHODS: dict[str, Callable[[Case, Told, bool], None]] = {
 }
 
 
-def _measured(name: str, method: Callable[[Case, Told, bool], None], case: Case, noise: float, quick: bool) -> list[Row]:
+def _measured(
+    name: str, method: Callable[[Case, Told, bool], None], case: Case, noise: float, quick: bool
+) -> list[Row]:
     """Return a method's rows: its end at a noise, and every iteration where data are exact."""
     history = list[tuple[float, float]]()
     failed = ""

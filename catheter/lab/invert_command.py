@@ -25,7 +25,9 @@ def invert_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("source", nargs="?", default="invert_twist", help="a scene, or a recording (.mcap)")
     parser.add_argument("--scene", default="invert_twist", help="for a recording: the scene of the actuator's map")
     parser.add_argument("--seed", choices=("uniform", "gap", "random"), help="where the search starts")
-    parser.add_argument("--seen", choices=("all", "outer", "markers", "centreline", "tip", "twist"), help="what is seen")
+    parser.add_argument(
+        "--seen", choices=("all", "outer", "markers", "centreline", "tip", "twist"), help="what is seen"
+    )
     parser.add_argument("--noise", type=float, metavar="SHARE", help="of the largest displacement")
     parser.add_argument("--number", type=int, help="of the random streams of noise and seed")
     parser.add_argument("--out", metavar="MAP.npz", help="the map; an interrupted run is continued from it")
@@ -148,7 +150,9 @@ def _outcome(case: "Case", scene: "Scene", found: "Reconstruction") -> Outcome:
     few = case.voxels.count <= MOST_DENSE
     known = determined(case.problem, found, case.variation, scene.tables["inversion"]) if few else None
     unit = "noises" if case.wanted.noise else "of the largest value"
-    history = [{"iteration": i.number, "seconds": i.seconds, "misfit": i.misfit, "weight": i.weight} for i in found.history]
+    history = [
+        {"iteration": i.number, "seconds": i.seconds, "misfit": i.misfit, "weight": i.weight} for i in found.history
+    ]
     values = {
         "simulated": True,
         "title": scene.heading.title,
@@ -179,7 +183,7 @@ def _outcome(case: "Case", scene: "Scene", found: "Reconstruction") -> Outcome:
         f"More than {MOST_DENSE} voxels: what the data determine is not worked out."
         if known is None
         else f"Singular values {known.singular[0]:.2e} to {known.singular[-1]:.2e}; posterior sd of log modulus: median"
-        f" {np.median(known.sd):.1e}, most {known.sd.max():.1e}; {(~known.seen).sum()} voxels not determined by the data.",
+        f" {np.median(known.sd):.1e}, most {known.sd.max():.1e}; {(~known.seen).sum()} voxels not determined.",
     ]
     return Outcome(values, parts)
 
@@ -260,4 +264,6 @@ def _calibrated(options: argparse.Namespace) -> Outcome:
         },
     }  # fmt: skip
     title = f"{source.name} ({origin}): two moduli from {len(pressure)} samples of pressure and twist"
-    return Outcome(values, [table(head, rows, title), f"Misfit {found.misfit:.2f} of the noise given, {found.steps} steps."])
+    return Outcome(
+        values, [table(head, rows, title), f"Misfit {found.misfit:.2f} of the noise given, {found.steps} steps."]
+    )

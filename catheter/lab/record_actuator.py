@@ -30,7 +30,9 @@ def simulated(scene: Scene) -> ActuatorRun:
     moduli = pattern.moduli(*shape.voxels).ravel()
     levels, kind = np.unique(moduli, return_inverse=True)
     most = max(scene.tables["wanted"].pressures)
-    curve = twist_curve(groups(tube_voxels(shape), kind), np.linspace(0, 1.05 * most, 9)[1:])(np.log(levels * bench.off))
+    curve = twist_curve(groups(tube_voxels(shape), kind), np.linspace(0, 1.05 * most, 9)[1:])(
+        np.log(levels * bench.off)
+    )
     rng = np.random.default_rng(bench.number)
     time_s = np.arange(bench.samples) / bench.rate
     pressure = most * np.arange(1, bench.samples + 1) / bench.samples
@@ -46,7 +48,9 @@ def record_actuator(scene: Scene, out: Path, origin: dict[str, str], *, overwrit
     Raises BadInput for an impossible scene, CannotWrite for the output.
     """
     run, bench = simulated(scene), scene.tables["bench"]
-    truth = {f"{name}.{key}": repr(value) for name in ("map", "bench") for key, value in asdict(scene.tables[name]).items()}
+    truth = {
+        f"{name}.{key}": repr(value) for name in ("map", "bench") for key, value in asdict(scene.tables[name]).items()
+    }
     with Recorder(out, origin, scene=scene.text, truth=truth, flush_s=None, replace=overwrite) as recorder:
         for name in ("/pressure", "/twist", "/camera/top"):
             recorder.add(replace(standard(name), note="simulated", rate_hz=bench.rate))
