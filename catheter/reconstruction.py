@@ -29,6 +29,7 @@ class Wanted:
     seen: all nodes, the outer surface's, `markers` of them, the centreline, the tip's pose or its twist.
     noise: standard deviation over the largest displacement. seed: where the search starts; number: of
     the random streams of noise and seed. stretched: the displacements' factor, a target nobody simulated;
+    turned: instead of the truth, a pure torsion by that angle [rad] at the tip, which no map reaches;
     missing: the share of the length, in the middle, of which nothing is seen; outliers: nodes off by `off` [m].
     """
 
@@ -39,6 +40,7 @@ class Wanted:
     number: int = option(0, least=0)
     markers: int = option(64, least=1)
     stretched: float = option(1.0, least=0.0)
+    turned: float = option(0.0, unit="rad")
     missing: float = option(0.0, least=0.0, most=0.9)
     outliers: int = option(0, least=0)
     off: float = option(5e-3, unit="m", least=0.0)
@@ -139,7 +141,7 @@ class Case:
             return np.exp(np.random.default_rng(wanted.number).uniform(low, high, count))
         if wanted.seed == "uniform":
             return np.full(count, np.exp((low + high) / 2))
-        if wanted.seen != "all" or wanted.outliers or wanted.missing or wanted.stretched != 1.0:
+        if wanted.seen != "all" or wanted.outliers or wanted.missing or wanted.stretched != 1.0 or wanted.turned:
             raise BadInput("wanted, seed", "is 'gap'", "it needs every node's position; start from 'uniform'")
         from fem.gap import gap
 
@@ -201,7 +203,7 @@ def seen_of(voxels: Voxels, grid: tuple[int, ...], wraps: tuple[bool, ...], trut
 def observed(voxels: Voxels, x: Array, pressure: float, wanted: Wanted, rng: np.random.Generator) -> Observation:
     """Return what is seen of positions x (n, 3) [m] at a pressure, with the scene's noise."""
     mesh = voxels.mesh
-    moved = wanted.stretched * (x - mesh.nodes)
+    moved = wanted.stretched * ((torsion(mesh.nodes, wanted.turned) if wanted.turned else x) - mesh.nodes)
     sd = wanted.noise * float(np.abs(moved).max())
     x = mesh.nodes + moved + sd * rng.standard_normal(x.shape)
     ring: Any = mesh.ring if len(mesh.ring) else np.flatnonzero(mesh.nodes[:, 2] >= mesh.nodes[:, 2].max() - 1e-9)
@@ -224,6 +226,13 @@ def observed(voxels: Voxels, x: Array, pressure: float, wanted: Wanted, rng: np.
     if wanted.outliers:
         x[rng.choice(which, wanted.outliers, replace=False), 0] += wanted.off
     return nodes(mesh, which, x, pressure, sd=sd)
+
+
+def torsion(rest: Array, angle: float) -> Array:
+    """Return positions (n, 3) turned about z in proportion to their height, by an angle [rad] at the tip: pure shear."""
+    turn = angle * rest[:, 2] / rest[:, 2].max()
+    x, y, z = rest.T
+    return np.stack([x * np.cos(turn) - y * np.sin(turn), x * np.sin(turn) + y * np.cos(turn), z], axis=1)
 
 
 def heights(rest: Array) -> list[Any]:

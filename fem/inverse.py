@@ -202,7 +202,7 @@ class _Search(Problem):
             misfit = self.misfit(standings)
             log = standings[0].log
             mean = float((self._robust(misfit) * misfit**2).mean())
-            weight = self._weight(mean)
+            weight = self._weight(mean, min(1.0, len(misfit) / len(log)))
             seconds = time.perf_counter() - started
             history.append(Iteration(number, seconds, mean**0.5, weight, change, log))
             progress(history[-1])
@@ -222,9 +222,12 @@ class _Search(Problem):
         bounded = (log >= self.high - 1e-9) * 1 - (log <= self.low + 1e-9)
         return Reconstruction(np.exp(log), tuple(standings), tuple(history), self.noise, weight, bounded, doubled, why)
 
-    def _weight(self, mean: float) -> float:
-        """Return the weight of the variation beside the mean squared misfit."""
-        return max(self.noise**2, self.options.eager * mean) / self.options.prior
+    def _weight(self, mean: float, told: float) -> float:
+        """Return the weight of the variation beside the mean squared misfit; told: values a voxel, 1 at most.
+
+        A few values must not be drowned by the variation of many voxels.
+        """
+        return max(self.noise**2, self.options.eager * told * mean) / self.options.prior
 
     def _robust(self, misfit: Array) -> Array:
         """Return Huber's weights of misfits."""
@@ -278,7 +281,8 @@ class _Search(Problem):
         for _ in range(4):
             bent = weight * self.variation.curvature(goal)
             whole = curvature + bent
-            whole[np.diag_indices(len(log))] += self.damping * np.trace(curvature) / len(log)
+            rounding = 1e-12 * np.trace(whole)  # where the data say nothing of a map's level, a step keeps it
+            whole[np.diag_indices(len(log))] += (self.damping * np.trace(curvature) + rounding) / len(log)
             step = boxed(whole, rise + bent @ log, low, high)
             before, goal = goal, np.clip(log + np.sign(step) * np.log1p(np.abs(step)), self.low, self.high)
             if np.abs(goal - before).max() < 1e-2:

@@ -48,7 +48,7 @@ def inverse(*, quick: bool, progress: Progress) -> Report:
         notes=[
             "Noise: standard deviation over the largest displacement; every node seen unless it says outside only.",
             "Uniform seed of 1 MPa; the thesis's method: its own seed, weights 0, 1, 0, two classes four times.",
-            "A method that ends early keeps its last map; L-BFGS has the variation's weight of the noise from the start.",
+            "A method that ends early keeps its last map; L-BFGS has the noise's weight from the start.",
         ],
     )
 
@@ -156,6 +156,8 @@ def _cases() -> dict[str, tuple[Pattern, Wanted, Inversion]]:
         "centreline alone, 1 %": (HELIX, replace(outside, seen="centreline"), plain),
         "tip's pose alone, exact": (HELIX, replace(WANTED, seen="tip"), plain),
         "a balloon twice too large": (Pattern(), replace(WANTED, pressures=(40e3,), stretched=2.0), plain),
+        "a pure torsion of 10 deg": (HELIX, replace(WANTED, turned=float(np.radians(-10.0))), plain),
+        "the twist of the tip alone": (HELIX, replace(WANTED, seen="twist"), plain),
         "a target that folds (12 times)": (HELIX, replace(WANTED, stretched=12.0), Inversion(most_iterations=30)),
         "pressure beyond the limit point": (Pattern(), replace(WANTED, pressures=(90e3,)), plain),
         "noise of 10 %": (HELIX, replace(outside, noise=0.1), plain),

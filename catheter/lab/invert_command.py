@@ -158,6 +158,7 @@ def _outcome(case: "Case", scene: "Scene", found: "Reconstruction") -> Outcome:
         "title": scene.heading.title,
         "seconds": found.seconds,
         "ended": found.why,
+        "peak_memory_bytes": _peak_memory(),
         "misfit": found.misfit,
         "weight": found.weight,
         "strengthened": found.strengthened,
@@ -186,6 +187,15 @@ def _outcome(case: "Case", scene: "Scene", found: "Reconstruction") -> Outcome:
         f" {np.median(known.sd):.1e}, most {known.sd.max():.1e}; {(~known.seen).sum()} voxels not determined.",
     ]
     return Outcome(values, parts)
+
+
+def _peak_memory() -> int | None:
+    """Return the most memory this process has held [bytes], where the system says."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def _printable(case: "Case", found: "Reconstruction", palette: Any) -> dict[str, dict[str, float | str]]:

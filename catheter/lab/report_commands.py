@@ -32,6 +32,7 @@ STUDIES = {  # the module of each report; the function has its name, with "_" fo
     "fem": "fem_study",
     "fem-stability": "fem_study",
     "inverse": "inverse_study",
+    "calibration": "calibration_study",
     "inverse-stability": "inverse_study",
     "twist": "vision_study",
     "twist-stress": "vision_stress",
