@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from data.errors import BadInput
 from data.options import option
+from data.signal import Array
 
 if TYPE_CHECKING:
     from fem.tube import Inflation, Tube
@@ -39,11 +40,13 @@ class Pattern:
     soft, stiff: names of thesis Table 5.1, or files of fits (.toml), which count from the working
     folder. helix: (i - j) mod period < width, a right-handed wrap, which twists clockwise as seen from
     +z; strip: i < width; rings: j mod period < width; bender: strip and rings together; uniform: nowhere.
+    graded: the helix without an edge, the logarithm of c1 a cosine of i - j from the soft material's
+    to the stiff one's: of no printable set.
     """
 
     soft: str = "Agilus30"
     stiff: str = "FLX9785"
-    pattern: str = option("uniform", choices=("uniform", "helix", "strip", "rings", "bender"))
+    pattern: str = option("uniform", choices=("uniform", "helix", "strip", "rings", "bender", "graded"))
     period: int = option(16, least=1)
     width: int = option(4, least=0)
 
@@ -53,12 +56,24 @@ class Pattern:
         strip, rings = i < self.width, j % self.period < self.width
         found = {
             "uniform": np.zeros((around, along), dtype=bool),
+            "graded": (i - j + self.period / 4) % self.period < self.period / 2,
             "helix": (i - j) % self.period < self.width,
             "strip": strip,
             "rings": rings,
             "bender": strip | rings,
         }
         return found[self.pattern]
+
+    def moduli(self, around: int, along: int) -> Array:
+        """Return c1 of each voxel (around, along) [Pa]. Raises BadInput for materials without c1."""
+        from fem.material import printable
+
+        soft, stiff = printable(self.soft).c1, printable(self.stiff).c1
+        if self.pattern != "graded":
+            return np.where(self.stiff_voxels(around, along), stiff, soft)
+        i, j = np.indices((around, along))
+        share = (1 + np.cos(2 * np.pi * (i - j) / self.period)) / 2
+        return np.asarray(soft * (stiff / soft) ** share)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,6 +89,7 @@ def build(shape: Shape, pattern: Pattern, path: Path) -> "Tube":
     """Return the tube of a scene. Raises BadInput for what makes no tube, and for materials without c1."""
     from catheter.material import material as named
     from fem.equilibrium import Newton
+    from fem.material import NeoHooke
     from fem.tube import Tube
 
     if len(shape.divisions) != 3 or len(shape.voxels) != 2:
@@ -81,7 +97,10 @@ def build(shape: Shape, pattern: Pattern, path: Path) -> "Tube":
     around, along = shape.voxels
     material = np.full((around, along), named(pattern.soft, nu=shape.nu), dtype=object)
     stiff = pattern.stiff_voxels(around, along)
-    if stiff.any():
+    if pattern.pattern == "graded":
+        laws = [NeoHooke(c1=c1, nu=shape.nu) for c1 in pattern.moduli(around, along).ravel().tolist()]
+        material.ravel()[:] = laws
+    elif stiff.any():
         material[stiff] = named(pattern.stiff, nu=shape.nu)
     return Tube(
         length=shape.length,

@@ -98,6 +98,12 @@ class Tangent(Balance):
         cap = np.linalg.solve(self.schur, right[free:] - self.coupling.T @ first)
         return np.vstack([first - self.solved @ cap, cap])
 
+    def solve_transposed(self, right: Array) -> Array:
+        """Return the solution (k, m) of the transposed tangent; the same as `solve` where it is symmetric."""
+        if not isinstance(self.factor, solver.SuperLU):
+            return self.solve(right)
+        return self.factor.solve(right, transposed=True) if not self.coupling.shape[1] else self.solve(right)
+
 
 @dataclass(frozen=True, eq=False)
 class System:

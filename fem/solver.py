@@ -272,9 +272,10 @@ class SuperLU:
         exact = symmetric and np.array_equal(self._lu.perm_r, self._lu.perm_c)
         self.negative = below if exact else (below + _odd(self._lu.perm_r) + _odd(self._lu.perm_c)) % 2
 
-    def solve(self, right: Array) -> Array:
-        """Return the solution for right-hand sides (n, k)."""
-        return np.asarray(self._lu.solve(right))
+    def solve(self, right: Array, *, transposed: bool = False) -> Array:
+        """Return the solution for right-hand sides (n, k), of the transposed matrix if asked for."""
+        solve: Any = self._lu.solve  # scipy's stubs know no trans
+        return np.asarray(solve(right, trans="T" if transposed else "N"))
 
 
 def _odd(permutation: Integers) -> int:

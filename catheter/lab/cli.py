@@ -24,6 +24,7 @@ COMMANDS = {  # what each is for, and the module that does it: NAME_options(pars
     "twin": ("drive a printed tube's model by a recorded pressure: twist beside the measured one", "twin_command"),
     "shape": ("shape an actuator to a vessel: balloon, bend, twist, spiral, exactly incompressible", "shape_commands"),
     "print": ("write a voxel map for a printer: STL per material, 3MF, slices, each read back", "shape_commands"),
+    "invert": ("find a material map from a wanted motion, or constants from a recording", "invert_command"),
     "fmu": ("write the robot's hydraulic circuit as an FMU for other tools, and try it", "fmu_command"),
     "record": ("simulate a scene and record it, marked as simulated", "recording_commands"),
     "import": ("turn a laboratory's text log into a recording", "recording_commands"),

@@ -61,6 +61,18 @@ TABLES: dict[str, dict[str, str]] = {
         "gauge": "catheter.printed_bench.Gauge",
         "ask": "data.ask.Ask",
     },
+    "inverse": {
+        "tube": "catheter.inflatable.Shape",
+        "map": "catheter.inflatable.Pattern",
+        "wanted": "catheter.reconstruction.Wanted",
+        "inversion": "fem.inverse.Inversion",
+        "palette": "catheter.reconstruction.Palette",
+    },
+    "inverse-block": {
+        "block": "catheter.reconstruction.Cube",
+        "wanted": "catheter.reconstruction.Wanted",
+        "inversion": "fem.inverse.Inversion",
+    },
     "chirp": {"drive": "sysid.excitation.Chirp", **_BENDER},
     "ramp": {"drive": "sysid.excitation.Ramp", **_BENDER},
     "staircase": {"drive": "sysid.excitation.Staircase", **_BENDER},
