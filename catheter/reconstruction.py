@@ -214,7 +214,7 @@ def observed(voxels: Voxels, x: Array, pressure: float, wanted: Wanted, rng: np.
 
 
 def torsion(rest: Array, angle: float) -> Array:
-    """Return positions (n, 3) turned about z in proportion to their height, by an angle [rad] at the tip: pure shear."""
+    """Return positions (n, 3) turned about z in proportion to height, by an angle [rad] at the tip: pure shear."""
     turn = angle * rest[:, 2] / rest[:, 2].max()
     x, y, z = rest.T
     return np.stack([x * np.cos(turn) - y * np.sin(turn), x * np.sin(turn) + y * np.cos(turn), z], axis=1)
@@ -271,22 +271,6 @@ def discretised(case: Case, found: Reconstruction, palette: Palette) -> "Iterato
         yield "by mechanics, swapped", swapped(problem, first, moduli, rounds=palette.rounds)
     except CatheterError as error:
         yield "by mechanics", error
-
-
-def curve_of(path: Any) -> tuple[Array, Array, str]:
-    """Return pressures [Pa] and twists [rad] of a recording at the twist's times, and its origin.
-
-    Raises BadInput for a recording without them.
-    """
-    from data.recording import Recording
-
-    with Recording(path) as recording:
-        pressure, angle = recording.signal("/pressure", "pressure"), recording.signal("/twist", "angle")
-        twists = angle.value
-        at = np.interp(angle.time_s, pressure.time_s, pressure.value)
-        kind = str(recording.kind)
-    good = np.isfinite(twists)
-    return at[good], twists[good], kind
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,13 @@ import numpy as np
 from catheter.calibrate import Calibration, Curve, calibrate, groups, surrogate, twist_curve
 from catheter.inflatable import Pattern, Shape
 from catheter.lab.report import Progress, Report, Row
-from catheter.reconstruction import Bench, tube_voxels
+from catheter.reconstruction import tube_voxels
 from data.signal import Array
 
 HELIX = Pattern(pattern="helix", period=16, width=4)
 MOST_PA, REACH = 60e3, 0.25
+SAMPLES, OFF = 240, 1.05  # of a recording; the materials over those of the table
+CAMERA_RAD, PRESSURE_SHARE = np.radians(0.05), 0.01  # noises
 BAND = (182, 198)  # of 200 draws at 95 %: the 99 % binomial band
 
 
@@ -21,15 +23,15 @@ def calibration(*, quick: bool, progress: Progress) -> Report:
     shape = Shape(length=16e-3, divisions=(16, 16, 1), voxels=(16, 16)) if quick else Shape(divisions=(32, 32, 1))
     levels, kind = np.unique(HELIX.moduli(*shape.voxels).ravel(), return_inverse=True)
     full = twist_curve(groups(tube_voxels(shape), kind), np.linspace(0, 1.1 * MOST_PA, 9)[1:])
-    bench, started = Bench(), time.perf_counter()
+    started = time.perf_counter()
     table = surrogate(full, np.log(levels), REACH, 3)
-    tabulated, truth = time.perf_counter() - started, levels * bench.off
+    tabulated, truth = time.perf_counter() - started, levels * OFF
     exact = full(np.log(truth))
     progress(0.4)
     rows, hits, ends = list[Row](), np.zeros(2), list[Calibration]()
     started = time.perf_counter()
     for number in range(200):
-        ends.append(_one(table, exact, levels, bench, number))
+        ends.append(_one(table, exact, levels, number))
         hits += (ends[-1].interval[:, 0] <= truth) & (truth <= ends[-1].interval[:, 1])
     each = (time.perf_counter() - started) / 200
     progress(0.6)
@@ -40,7 +42,7 @@ def calibration(*, quick: bool, progress: Progress) -> Report:
         rows.append(Row(method=f"{name}, table", level=level, error=1 - count / 200, seconds=each))
     for number in range(1 if quick else 5):
         started = time.perf_counter()
-        there = _one(full, exact, levels, bench, number)
+        there = _one(full, exact, levels, number)
         apart = float(np.abs(np.log(there.moduli / ends[number].moduli)).max())
         seconds = time.perf_counter() - started
         rows.append(Row(method="model beside table", level=f"recording {number}", error=apart, seconds=seconds))
@@ -52,18 +54,16 @@ def calibration(*, quick: bool, progress: Progress) -> Report:
         error="misses, difference in log modulus",
         rows=rows,
         notes=[
-            f"{bench.samples} samples, camera noise 0.05 deg, pressure noise 1 %; 99 % band of 200: {BAND[0]} to {BAND[1]}.",
+            f"{SAMPLES} samples, camera noise 0.05 deg, pressure noise 1 %; 99 % band of 200: {BAND[0]} to {BAND[1]}.",
             f"The table of the model on 4 x 4 Chebyshev points took {tabulated:.1f} s.",
         ],
     )
 
 
-def _one(curve: Callable[[Array], Curve], exact: Curve, seed: Array, bench: Bench, number: int) -> Calibration:
+def _one(curve: Callable[[Array], Curve], exact: Curve, seed: Array, number: int) -> Calibration:
     """Return the calibration from one recording's noise."""
     rng = np.random.default_rng(number)
-    pressure = MOST_PA * np.arange(1, bench.samples + 1) / bench.samples
-    angle = exact.at(pressure)[0] + bench.camera_noise * rng.standard_normal(bench.samples)
-    measured = pressure * (1 + bench.pressure_noise * rng.standard_normal(bench.samples))
-    return calibrate(
-        curve, measured, angle, angle_sd=bench.camera_noise, pressure_share=bench.pressure_noise, seed=seed
-    )
+    pressure = MOST_PA * np.arange(1, SAMPLES + 1) / SAMPLES
+    angle = exact.at(pressure)[0] + CAMERA_RAD * rng.standard_normal(SAMPLES)
+    measured = pressure * (1 + PRESSURE_SHARE * rng.standard_normal(SAMPLES))
+    return calibrate(curve, measured, angle, angle_sd=CAMERA_RAD, pressure_share=PRESSURE_SHARE, seed=seed)

@@ -1,7 +1,8 @@
 """The command that inverts: a scene's wanted motion to a material map, or a recording to material constants."""
 
 import argparse
-from dataclasses import asdict
+import math
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +24,7 @@ MOST_DENSE = 4096  # voxels whose dense curvature is made
 def invert_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `invert`."""
     parser.add_argument("source", nargs="?", default="invert_twist", help="a scene, or a recording (.mcap)")
-    parser.add_argument("--scene", default="invert_twist", help="for a recording: the scene of the actuator's map")
+    parser.add_argument("--scene", help="for a recording: the actuator's scene (default: the recording's own)")
     parser.add_argument("--seed", choices=("uniform", "gap", "random"), help="where the search starts")
     parser.add_argument(
         "--seen", choices=("all", "outer", "markers", "centreline", "tip", "twist"), help="what is seen"
@@ -236,28 +237,75 @@ def _palette_table(printed: dict[str, dict[str, Any]]) -> Any:
     return table(head, rows)
 
 
+@dataclass(frozen=True)
+class _Seen:
+    """Pressures (n,) [Pa] and twists (n,) [rad] as recorded, the twists' standard deviation, and whose they are."""
+
+    pressure: Any
+    angle: Any
+    sigma: float
+    origin: str
+
+
+def _actuator(source: Path, name: str | None) -> "Scene":
+    """Return the scene of the recorded actuator: the named one, or else the one in the recording itself."""
+    from catheter.lab.scene import Scene
+    from data.recording import Recording
+
+    if name:
+        scene = Scene.load(name)
+    else:
+        with Recording(source) as recording:
+            text = recording.scene
+        if not text:
+            raise BadInput(source, "does not say what was recorded", "name the actuator's scene: --scene printed")
+        scene = Scene.parse(text, f"{source}, scene")
+    if not {"tube", "map"} <= scene.tables.keys():
+        raise BadInput(
+            f"scene {scene.heading.title!r}", "has no [tube] and [map]", "name the actuator's: --scene printed"
+        )
+    return scene
+
+
+def _seen(source: Path, scene: "Scene", camera_noise: float) -> _Seen:
+    """Return pressure and twist: /twist where it was recorded, else what the camera above sees, clocks aligned."""
+    from data.recording import Recording
+
+    with Recording(source) as recording:
+        filmed = "/twist" not in recording.channels and "/camera/top" in recording.channels
+        pressure, origin = recording.signal("/pressure", "pressure"), str(recording.kind)
+        angle = None if filmed else recording.signal("/twist", "angle")
+    if angle is None:
+        from catheter.filmed import Filmed
+        from catheter.printed_bench import Cameras
+
+        film = Filmed(source, scene.tables.get("cameras", Cameras()))
+        angle, camera_noise = film.twist, float(np.nanmedian(film.twist_sigma))
+    there = pressure.at(angle.time_s)
+    good = np.isfinite(angle.value) & np.isfinite(there)
+    return _Seen(there[good], angle.value[good], camera_noise, origin)
+
+
 def _calibrated(options: argparse.Namespace) -> Outcome:
     """Calibrate a scene's two materials from a recording's pressure and twist."""
     from catheter.calibrate import calibrate, groups, twist_curve
-    from catheter.lab.scene import Scene
-    from catheter.reconstruction import curve_of, tube_voxels
+    from catheter.reconstruction import tube_voxels
 
     source = Path(options.source)
     if options.view:
         check_inputs(Path(options.view), source)
-    scene = Scene.load(options.scene)
-    if scene.heading.kind != "inverse":
-        raise BadInput(f"scene {options.scene}", f"is a {scene.heading.kind} scene", "an inverse scene has a [tube]")
-    pressure, angle, origin = curve_of(source)
+    scene = _actuator(source, options.scene)
+    seen = _seen(source, scene, math.radians(options.camera_noise))
+    pressure, angle, origin = seen.pressure, seen.angle, seen.origin
     shape, pattern = scene.tables["tube"], scene.tables["map"]
     stiff = pattern.stiff_voxels(shape.voxels[0], shape.voxels[1]).ravel()
     seed = np.sort(np.unique(pattern.moduli(*shape.voxels)))
     if len(seed) != 2:
-        raise BadInput(f"scene {options.scene}", f"has {len(seed)} moduli", "a calibration needs two materials")
+        raise BadInput(f"scene {scene.heading.title!r}", f"has {len(seed)} moduli", "a calibration needs two materials")
     few = groups(tube_voxels(shape), stiff.astype(int))
     grid = np.linspace(0, float(pressure.max()) * 1.02, 9)[1:]
     found = calibrate(
-        twist_curve(few, grid), pressure, angle, angle_sd=float(np.radians(options.camera_noise)),
+        twist_curve(few, grid), pressure, angle, angle_sd=seen.sigma,
         pressure_share=options.pressure_noise, seed=seed,
     )  # fmt: skip
     names = [pattern.soft, pattern.stiff]

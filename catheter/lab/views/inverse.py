@@ -6,7 +6,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from catheter.lab.views.designs import PANELS, _write
+from catheter.lab.views.designs import PANELS
+from catheter.lab.views.output import write
 from catheter.reconstruction import Case
 from data.signal import Array
 from fem.inverse import Reconstruction
@@ -44,4 +45,4 @@ def save_inverse(case: Case, found: Reconstruction, title: str, path: Path) -> N
         )
         stream.send_blueprint(rrb.Blueprint(views, *PANELS, rrb.TimePanel(timeline=TIMELINE, state="collapsed")))
 
-    _write("inverse", path, log)
+    write("inverse", path, log)
