@@ -229,7 +229,7 @@ def observed(voxels: Voxels, x: Array, pressure: float, wanted: Wanted, rng: np.
 
 
 def torsion(rest: Array, angle: float) -> Array:
-    """Return positions (n, 3) turned about z in proportion to their height, by an angle [rad] at the tip: pure shear."""
+    """Return positions (n, 3) turned about z in proportion to height, by an angle [rad] at the tip: pure shear."""
     turn = angle * rest[:, 2] / rest[:, 2].max()
     x, y, z = rest.T
     return np.stack([x * np.cos(turn) - y * np.sin(turn), x * np.sin(turn) + y * np.cos(turn), z], axis=1)

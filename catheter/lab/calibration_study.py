@@ -52,7 +52,7 @@ def calibration(*, quick: bool, progress: Progress) -> Report:
         error="misses, difference in log modulus",
         rows=rows,
         notes=[
-            f"{bench.samples} samples, camera noise 0.05 deg, pressure noise 1 %; 99 % band of 200: {BAND[0]} to {BAND[1]}.",
+            f"{bench.samples} samples, camera 0.05 deg, pressure 1 %; 99 % band of 200: {BAND[0]} to {BAND[1]}.",
             f"The table of the model on 4 x 4 Chebyshev points took {tabulated:.1f} s.",
         ],
     )
