@@ -19,6 +19,13 @@ from fem.element import Body, Forces
 from fem.symmetry import Symmetry
 
 
+# What a system works out from its mesh: the unknowns' order and patterns.
+BY_MESH = (
+    "extent", "closed", "symmetric", "_levels", "_moves", "_order", "free", "_level_of", "_ends", "_spare", "method",
+    "_places",
+)  # fmt: skip
+
+
 @dataclass(frozen=True, kw_only=True)
 class Newton:
     """How equilibrium is found.
@@ -119,6 +126,13 @@ class System:
     dead: Array | None = None
     place: Callable[[float], Array] | None = None
     symmetry: Symmetry | None = None
+
+    def with_body(self, body: Body) -> "System":
+        """Return the system of another body of the same mesh: what the mesh alone decides is kept."""
+        made = replace(self, body=body)
+        for name in BY_MESH:
+            made.__dict__[name] = getattr(self, name)
+        return made
 
     @cached_property
     def part(self) -> Body:

@@ -74,16 +74,7 @@ class Voxels:
             numbers[:, 3:] = unit.numbers[:, 3:]
         softest = min(self.law.shear * float(moduli.min()), self.rest.shear if (self.which < 0).any() else np.inf)
         body = replace(unit, numbers=numbers, kappa=unit.kappa * factor, softest=softest)
-        made = replace(self.system, body=body)
-        made.__dict__.update(self._shared)
-        return made
-
-    @cached_property
-    def _shared(self) -> dict[str, Any]:
-        """What a system works out from its mesh alone."""
-        system = self.system
-        names = [name for name, value in vars(System).items() if isinstance(value, cached_property)]
-        return {name: getattr(system, name) for name in names}
+        return self.system.with_body(body)
 
     def onto(self, x: Array) -> Any:
         """Return d(positions) / d(unknowns) at positions x, sparse (3n, k)."""
