@@ -5,7 +5,7 @@ displacements and three rotations (as arc lengths on its ring), then, under volu
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -17,7 +17,6 @@ from data.signal import Array
 from fem import pressure, rigid, solver
 from fem.element import Body, Forces
 from fem.symmetry import Symmetry
-
 
 # What a system works out from its mesh: the unknowns' order and patterns.
 BY_MESH = (
