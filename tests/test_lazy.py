@@ -92,7 +92,7 @@ OWN = {  # and the modules of the robot it loads: no scene knows what another is
     "free": {"free", "helix", "refine", "robot", "task"},
     "locomotion": {"circuit", "drive", "free", "helix", "hydraulics", "periodic", "robot", "task", "tuning"},
     "inflection": SHAPE,
-    **dict.fromkeys(INVERSE, {"inflatable", "reconstruction"}),
+    **{name: {"inflatable", "reconstruction"} for name in INVERSE},
     "printed": {"inflatable", "printed_bench"},
     "renal_balloon": SHAPE,
     "renal_spiral": SHAPE,
