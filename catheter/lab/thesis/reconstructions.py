@@ -41,7 +41,7 @@ class Found:
 
 
 def reconstructions(*, quick: bool) -> Section:
-    """Return the three motions' reconstructions and the printable twist; on 16 x 16 voxels for `quick`."""
+    """Return the three motions' reconstructions and the printable twist; on 8 x 8 voxels for `quick`."""
     found = {name: _found(name, quick) for name in MOTIONS}
     noisy = _found("invert_twist", quick, seen="outer", noise=NOISE)
     printed, names = _printed(noisy)
@@ -65,7 +65,7 @@ def _found(name: str, quick: bool, **wanted: Any) -> Found:
     tables = Scene.load(name).tables
     shape = tables["tube"]
     if quick:
-        shape = replace(shape, divisions=(16, 16, 1), voxels=(16, 16), length=shape.length / 2)
+        shape = replace(shape, divisions=(8, 8, 1), voxels=(8, 8), length=shape.length / 4)
     case = tube_case(shape, tables["map"], replace(tables["wanted"], **wanted))
     return Found(case, solved(case, tables["inversion"]), tables["inversion"])
 
