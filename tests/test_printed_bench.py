@@ -13,6 +13,7 @@ from catheter.lab.scene import Scene
 from catheter.printed_bench import Cameras, PrintedRun
 from data.errors import BadInput
 from data.recording import Recording
+from fem.voxel_map import load_map
 
 SCENE = """
 [scene]
@@ -98,3 +99,23 @@ def test_a_film_drives_the_twin_and_gives_the_materials_back(
         width = high - low
         assert low - width / 2 < true_pa < high + width / 2  # twice the 95 % interval
         assert width < 0.5 * true_pa
+
+
+def test_the_loop_ends_in_print_files_of_a_better_design(
+    recorded: tuple[Path, PrintedRun], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, run = recorded
+    assert cli.run(["redesign", str(path), "--pressure", "30 kPa", "--out", str(tmp_path / "out"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["kind"] == "simulated"
+    assert told["missing"] == 0
+    assert told["model_rmse_rad"]["calibrated"] < 0.2 * told["model_rmse_rad"]["table"]
+    printed, driven, anew = told["redesign"]
+    assert driven["twist_rad"] == pytest.approx(told["design_twist_rad"], rel=1e-5)
+    assert anew["rms_m"] <= driven["rms_m"] < printed["rms_m"]
+    made = load_map(tmp_path / "out" / "redesigned.toml")
+    assert made.voxels.shape == run.run.tube.material.shape
+    assert {Path(file).suffix for file in told["files"]} == {".toml", ".stl", ".3mf", ".png"}
+    assert all(Path(file).stat().st_size > 200 for file in told["files"])
+    assert cli.run(["redesign", str(path), "--pressure", "30 m"]) == 2
+    assert "30 m" in capsys.readouterr().err

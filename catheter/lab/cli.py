@@ -22,6 +22,7 @@ COMMANDS = {  # what each is for, and the module that does it: NAME_options(pars
     "tune": ("find the best valves: the thesis's map, and the optimum next to its best cell", "circuit_commands"),
     "inflate": ("inflate a printed tube of two materials: twist, extension, bending, stability", "inflate_command"),
     "twin": ("drive a printed tube's model by a recorded pressure: twist beside the measured one", "twin_command"),
+    "redesign": ("from a filmed actuator to its materials, a better design and print files", "redesign_command"),
     "shape": ("shape an actuator to a vessel: balloon, bend, twist, spiral, exactly incompressible", "shape_commands"),
     "print": ("write a voxel map for a printer: STL per material, 3MF, slices, each read back", "shape_commands"),
     "invert": ("find a material map from a wanted motion, or constants from a recording", "invert_command"),

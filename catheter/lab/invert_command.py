@@ -239,10 +239,9 @@ def _palette_table(printed: dict[str, dict[str, Any]]) -> Any:
 
 def _calibrated(options: argparse.Namespace) -> Outcome:
     """Calibrate a scene's two materials from a recording's pressure and twist."""
-    from catheter.calibrate import calibrate, groups, twist_curve
     from catheter.filmed import seen
     from catheter.lab.scene import recorded_scene
-    from catheter.reconstruction import tube_voxels
+    from catheter.redesign import calibrated
 
     source = Path(options.source)
     if options.view:
@@ -252,16 +251,8 @@ def _calibrated(options: argparse.Namespace) -> Outcome:
     pressure, angle = found.pairs()
     sigma = math.radians(options.camera_noise) if found.sigma is None else found.sigma
     shape, pattern = scene.tables["tube"], scene.tables["map"]
-    stiff = pattern.stiff_voxels(shape.voxels[0], shape.voxels[1]).ravel()
-    seed = np.sort(np.unique(pattern.moduli(*shape.voxels)))
-    if len(seed) != 2:
-        raise BadInput(f"scene {scene.heading.title!r}", f"has {len(seed)} moduli", "a calibration needs two materials")
-    few = groups(tube_voxels(shape), stiff.astype(int))
-    grid = np.linspace(0, float(pressure.max()) * 1.02, 9)[1:]
-    fitted = calibrate(
-        twist_curve(few, grid), pressure, angle, angle_sd=sigma,
-        pressure_share=options.pressure_noise, seed=seed,
-    )  # fmt: skip
+    fitted = calibrated(shape, pattern, pressure, angle, angle_sd=sigma, pressure_share=options.pressure_noise)
+    seed = np.unique(pattern.moduli(*shape.voxels))
     names = [pattern.soft, pattern.stiff]
     rows = [
         [name, f"{m / 1e6:.4f}", f"{low / 1e6:.4f}", f"{high / 1e6:.4f}", f"{s / 1e6:.4f}"]
