@@ -16,6 +16,7 @@ from data.signal import Array
 FOLDER = Path(__file__).parents[1] / "data" / "vessels"
 ORDER = 5  # of the polynomial (thesis eq. 4.1)
 WORST = 0.05  # of the local radius: a polynomial that is farther off gives way to the spline
+FARTHEST = 10.0  # m: no patient is larger
 LEAST, MOST = 0.8e-3, 10e-3  # m, radii of vessels that a catheter enters, by which units are told apart
 SCALES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 
@@ -133,11 +134,13 @@ def fitted(xyz: Array, radius: Array, *, fit: str = "auto", place: str = "centre
 
 
 def _check_numbers(xyz: Array, radius: Array, place: str) -> None:
-    bad = ~(np.isfinite(xyz).all(axis=1) & np.isfinite(radius) & (radius > 0))
+    bad = ~((np.abs(xyz) < FARTHEST).all(axis=1) & (radius > 0) & (radius < FARTHEST))
     if bad.any():
         k = int(np.argmax(bad))
         found = f"is {np.array2string(xyz[k])}, radius {radius[k]:g}"
-        raise BadInput(f"{place}, point {k}", found, "expected finite numbers and a radius over 0")
+        raise BadInput(
+            f"{place}, point {k}", found, f"expected finite numbers below {FARTHEST:g} m and a radius over 0"
+        )
 
 
 def _arc_length(xyz: Array) -> Array:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from fem.tube import Inflation, Tube
 
 MM, KPA = 1e-3, 1e3
+MOST_ELEMENTS = 100_000  # beyond it, 24 GB of memory do not hold the tangent's factor
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +95,10 @@ def build(shape: Shape, pattern: Pattern, path: Path) -> "Tube":
 
     if len(shape.divisions) != 3 or len(shape.voxels) != 2:
         raise BadInput("tube", f"divisions {shape.divisions}, voxels {shape.voxels}", "expected 3 and 2 numbers")
+    if (count := int(np.prod(shape.divisions))) > MOST_ELEMENTS:
+        raise BadInput(
+            "tube, divisions", f"{shape.divisions}: {count:,} elements", f"at most {MOST_ELEMENTS:,} are solved"
+        )
     around, along = shape.voxels
     material = np.full((around, along), named(pattern.soft, nu=shape.nu), dtype=object)
     stiff = pattern.stiff_voxels(around, along)

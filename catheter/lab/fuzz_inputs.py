@@ -53,6 +53,9 @@ SHORTER = (
         ('step = "47 mV"', 'step = "0.5 V"'),
         ('fill_s = "12 s"', 'fill_s = "1 s"'),
     ),
+    *((f"divisions = [32, {n}, {k}]", "divisions = [8, 8, 1]") for n in (32, 128) for k in (1, 2)),
+    *((f"voxels = [32, {n}]", "voxels = [8, 8]") for n in (32, 128)),
+    *(('time = "16 s"', 'time = "0.3 s"'), ('wait = "2 s"', 'wait = "0.1 s"')),
     ("[plant]\ncubic", '[drive]\nduration_s = "20 s"\n\n[plant]\ncubic'),
 )
 CLASSES = ("bender", "accumulator", "valve", "cracking", "hysteresis")
@@ -243,6 +246,10 @@ def scene(draw: Draw, folder: Path) -> list[str]:
     path = _write(folder / "in" / "s.toml", text.encode("utf-8", "replace"))
     if name == "cone":
         return ["valve", path]
+    if 'kind = "shape"' in found[name]:
+        return ["shape", path]
+    if name == "twist":
+        return ["inflate", path, "--pressure", "1 kPa"]
     return ["record", path, "--out", str(folder / "out" / "o.mcap")]
 
 
@@ -272,6 +279,32 @@ def video(draw: Draw, folder: Path) -> list[str]:
     return ["twist", path, "--out", str(folder / "out" / "o.csv")]
 
 
+def voxel_map(draw: Draw, folder: Path) -> list[str]:
+    """A voxel map of a small tube, its text mangled, printed."""
+    rows = ",\n".join(f'    "{"ab"[k % 2]}{"aabba"}{"ba"[k % 2]}a"' for k in range(6))
+    sizes = "".join(f'{name} = "{value} mm"\n' for name, value in (("length", 8), ("outer_radius", 5), ("wall", 1)))
+    text = f'title = "t"\n{sizes}cap = "2 mm"\nrows = [\n{rows}\n]\n\n[materials]\na = "Agilus30"\nb = "FLX9785"\n'
+    path = _write(folder / "in" / "m.toml", mangled(draw, text).encode("utf-8", "replace"))
+    slices = ["--slices"] if draw.random() < 0.2 else []
+    return ["print", path, "--out", str(folder / "out" / "p"), *slices]
+
+
+def centreline(draw: Draw, folder: Path) -> list[str]:
+    """A vessel's centreline as CSV, VTP or VTK, mangled or damaged, given to a shape."""
+    rows = [f"{0.5 * k},{np.sin(0.1 * k):.4f},{0.01 * k * k:.4f},{2 + 0.01 * k:.3f}" for k in range(40)]
+    points = " ".join(row.rpartition(",")[0].replace(",", " ") for row in rows)
+    texts = {
+        ".csv": "x_mm,y_mm,z_mm,radius_mm\n" + "\n".join(rows),
+        ".vtk": f"# vtk DataFile Version 3.0\nt\nASCII\nDATASET POLYDATA\nPOINTS 40 float\n{points}\n"
+        f"LINES 1 41\n40 {' '.join(map(str, range(40)))}\nPOINT_DATA 40\nSCALARS Radius float 1\n"
+        f"LOOKUP_TABLE default\n{' '.join(row.rpartition(',')[2] for row in rows)}\n",
+    }
+    ending = _pick(draw, tuple(texts))
+    content = mangled(draw, texts[ending]).encode("utf-8", "replace")
+    path = _write(folder / "in" / f"c{ending}", damaged(draw, content) if draw.random() < 0.3 else content)
+    return ["shape", "renal_balloon", "--vessel", path]
+
+
 FUZZED: dict[str, Callable[[Draw, Path], list[str]]] = {
     "damaged recordings": recording,
     "hostile recordings": hostile,
@@ -279,4 +312,6 @@ FUZZED: dict[str, Callable[[Draw, Path], list[str]]] = {
     "logs and mappings": log,
     "pictures": picture,
     "videos": video,
+    "voxel maps": voxel_map,
+    "centrelines": centreline,
 }
