@@ -63,6 +63,18 @@ class Palette:
         """Return c1 of chosen materials [Pa]."""
         return np.asarray(np.array(self.moduli())[chosen])
 
+    def elongations(self, chosen: Any) -> Array:
+        """Return the elongation that chosen materials bear at least, 1 for twice the length; no limit known: infinite."""
+        from fem.material import printable
+
+        laws = sorted((printable(name) for name in self.materials), key=lambda law: law.c1)
+        return np.asarray(np.array([law.elongation for law in laws])[chosen])
+
+    def overstretched(self, voxels: Voxels, chosen: Any, standings: Sequence[Standing]) -> int:
+        """Return how many voxels of a printed map are stretched past their material's elongation at any pressure."""
+        most = np.max([voxels.stretch(standing.state.x) for standing in standings], axis=0)
+        return int((most - 1 > self.elongations(chosen)).sum())
+
 
 @dataclass(frozen=True, kw_only=True)
 class Cube:
@@ -248,12 +260,14 @@ def solved(
     return reconstruct(case.voxels, case.observations, first, case.variation, options, progress)
 
 
-def discretised(case: Case, found: Reconstruction, palette: Palette) -> "Iterator[tuple[str, Printed | CatheterError]]":
+def discretised(
+    problem: Problem, grid: tuple[int, ...], found: Reconstruction, palette: Palette
+) -> "Iterator[tuple[str, Printed | CatheterError]]":
     """Yield each way of choosing printable materials for a map, and what would be printed, solved."""
     from fem.palette import binned, diffused, dithered, printed, swapped
 
-    problem, moduli, start = case.problem, palette.moduli(), found.standings
-    flat = found.moduli.reshape(case.grid)
+    moduli, start = palette.moduli(), found.standings
+    flat = found.moduli.reshape(grid)
     plain: dict[str, Callable[[], Any]] = {
         "nearest": lambda: binned(flat, moduli),
         "nearest in logarithm": lambda: binned(flat, moduli, log=True),

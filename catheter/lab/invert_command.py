@@ -204,7 +204,7 @@ def _printable(case: "Case", found: "Reconstruction", palette: Any) -> dict[str,
     from catheter.reconstruction import discretised
 
     rows: dict[str, dict[str, float | str]] = {}
-    for name, made in discretised(case, found, palette):
+    for name, made in discretised(case.problem, case.grid, found, palette):
         if isinstance(made, CatheterError):
             rows[name] = {"failed": str(made)}
             continue
@@ -215,6 +215,7 @@ def _printable(case: "Case", found: "Reconstruction", palette: Any) -> dict[str,
             "largest_mm": 1e3 * float(errors.max()),
             "materials": len(set(names)),
             "solved": made.solved,
+            "overstretched": palette.overstretched(case.voxels, made.chosen, made.standings),
             "as_true": float((palette.moduli_of(made.chosen) == case.truth).mean()),
         }
     return rows
@@ -222,7 +223,7 @@ def _printable(case: "Case", found: "Reconstruction", palette: Any) -> dict[str,
 
 def _palette_table(printed: dict[str, dict[str, Any]]) -> Any:
     rows = [
-        [name, row["failed"], "", "", ""]
+        [name, row["failed"], "", "", "", ""]
         if "failed" in row
         else [
             name,
@@ -230,10 +231,11 @@ def _palette_table(printed: dict[str, dict[str, Any]]) -> Any:
             f"{row['largest_mm']:.4f}",
             f"{100 * row['as_true']:.1f}",
             str(row["solved"]),
+            str(row["overstretched"]),
         ]
         for name, row in printed.items()
     ]
-    head = ["printed map (simulated)", "rms error mm", "largest mm", "as the truth %", "solved"]
+    head = ["printed map (simulated)", "rms error mm", "largest mm", "as the truth %", "solved", "overstretched"]
     return table(head, rows)
 
 

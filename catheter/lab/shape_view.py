@@ -36,7 +36,7 @@ class Shaped:
 def shaped(name: str, qs: list[float] | None = None, file: str | None = None, unit: str | None = None) -> Shaped:
     """Return the shape of a scene, with another vessel file if one is named. Raises BadInput."""
     scene = Scene.load(name)
-    if scene.heading.kind != "shape":
+    if "vessel" not in scene.tables:
         raise BadInput(f"scene {name}", f"is a {scene.heading.kind} scene", "a shape scene has a [vessel]")
     tables = scene.tables
     source = tables["vessel"]
