@@ -5,13 +5,14 @@ is approached from small q to large, each map the seed of the next; the centreli
 an ideal shape, its twist and the sizes of its bore included, asks for more than one layer of voxels can do.
 """
 
+import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from catheter.motions import Actuator
-from catheter.reconstruction import Palette, discretised
+from catheter.reconstruction import Palette
 from catheter.shape import Shape
 from catheter.target import target
 from data.errors import BadInput, CatheterError, DidNotConverge
@@ -20,7 +21,7 @@ from data.signal import Array
 from fem.grid import Indices
 from fem.inverse import Inversion, Problem, Reconstruction, reconstruct
 from fem.observation import Seen, centreline
-from fem.palette import Printed
+from fem.palette import Choice, binned, dithered, printed, swapped
 from fem.regular import neighbours
 from fem.voxels import Standing, Voxels
 
@@ -134,27 +135,83 @@ def refined(one: Goal, pressure: float, moduli: Array, inversion: Inversion) -> 
     return Reached(one, pressure, reconstruct(one.voxels, [one.seen(pressure)], moduli, pairs, inversion))
 
 
-def printable(near: Reached, palette: Palette, inversion: Inversion) -> "tuple[Reached, dict[str, Printed | str]]":
-    """Return a map within the palette's moduli, and what each way of choosing materials for it does, or why it fails.
+def within(near: Reached, palette: Palette, inversion: Inversion) -> Reached:
+    """Return the nearest map within the palette's own bounds.
 
-    Moduli and pressure are scaled alike, which changes no shape, until the bounds' middle is the palette's;
-    what is clipped is sought once more within the palette's own bounds.
+    Moduli and pressure are scaled alike, which changes no shape, until the bounds' middle is the palette's; what
+    is clipped is sought once more.
     """
     levels = palette.moduli()
     factor = float(np.sqrt(levels[0] * levels[-1] / (inversion.least * inversion.most)))
-    inside = Inversion(
-        least=levels[0], most=levels[-1], prior=inversion.prior, edge=inversion.edge, eager=inversion.eager,
-        most_iterations=inversion.most_iterations,
-    )  # fmt: skip
-    again = refined(near.goal, near.pressure * factor, np.clip(near.found.moduli * factor, levels[0], levels[-1]), inside)
-    problem = Problem(again.goal.voxels, [again.goal.seen(again.pressure)])
-    made = discretised(problem, again.goal.grid, again.found, palette)
-    return again, {name: str(one) if isinstance(one, CatheterError) else one for name, one in made}
+    moduli = np.clip(near.found.moduli * factor, levels[0], levels[-1])
+    return refined(near.goal, near.pressure * factor, moduli, replace(inversion, least=levels[0], most=levels[-1]))
 
 
-def single(one: Goal, pressure: float, modulus: float) -> Standing | None:
-    """Return the equilibrium of one modulus [Pa] everywhere at a pressure [Pa], None where it bears no such pressure."""
-    try:
-        return one.voxels.inflate(np.full(one.voxels.count, np.log(modulus)), pressure)
-    except DidNotConverge:
-        return None
+@dataclass(frozen=True, eq=False)
+class Made:
+    """A map of printable materials at the pressure [Pa] that brings it nearest to a goal. chosen (v,): of the palette.
+
+    highest: whether it bears no higher pressure of those tried. seconds: that choosing and pressing it took.
+    """
+
+    chosen: Choice
+    pressure: float
+    standing: Standing
+    off: Off
+    highest: bool
+    seconds: float
+
+
+def pressed(one: Goal, palette: Palette, chosen: Choice, highest: float) -> Made:
+    """Return a printed map at the best of 20 pressures up to the highest [Pa], or to what it bears.
+
+    Raises DidNotConverge if it does not bear the least of them.
+    """
+    started = time.perf_counter()
+    log, best, standing, last = np.log(palette.moduli_of(chosen)).ravel(), None, None, False
+    for pressure in highest * np.arange(1, 21) / 20:
+        try:
+            standing = one.voxels.moved(standing, log, pressure) if standing else one.voxels.inflate(log, pressure)
+        except DidNotConverge:
+            if best is None:
+                raise
+            last = best.standing is standing
+            break
+        off = one.off(standing.state.x)
+        if best is None or off.rms < best.off.rms:
+            best = Made(chosen.ravel(), float(pressure), standing, off, False, 0.0)
+    assert best is not None
+    return replace(best, highest=last, seconds=time.perf_counter() - started)
+
+
+def printable(near: Reached, palette: Palette) -> dict[str, Made | CatheterError]:
+    """Return the printed maps for a map within the palette, by how materials are chosen, or why there is none.
+
+    The best of those that only look at moduli is improved by swaps that look at the body's mechanics.
+    """
+    flat, levels = near.found.moduli.reshape(near.goal.grid), palette.moduli()
+    ways: dict[str, Choice] = {
+        "nearest": binned(flat, levels),
+        "nearest in logarithm": binned(flat, levels, log=True),
+        "dithered": dithered(flat, levels),
+        "dithered in logarithm": dithered(flat, levels, log=True),
+    }
+    done = dict[str, Made | CatheterError]()
+    for name, chosen in ways.items():
+        try:
+            done[name] = pressed(near.goal, palette, chosen, 1.5 * near.pressure)
+        except DidNotConverge as error:
+            done[name] = error
+    good = [made for made in done.values() if isinstance(made, Made)]
+    if good:
+        started = time.perf_counter()
+        best = min(good, key=lambda made: made.off.rms)
+        problem = Problem(near.goal.voxels, [near.goal.seen(best.pressure)])
+        first = printed(problem, best.chosen, levels, [best.standing])
+        last = swapped(problem, first, levels, rounds=palette.rounds)
+        here = last.standings[0]
+        swaps = Made(last.chosen, best.pressure, here, near.goal.off(here.state.x), False, 0.0)
+        again = pressed(near.goal, palette, last.chosen, 1.2 * best.pressure)
+        found = min((swaps, again), key=lambda made: made.off.rms)
+        done["best of these, swapped by mechanics"] = replace(found, seconds=time.perf_counter() - started)
+    return done
