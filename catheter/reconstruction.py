@@ -64,7 +64,7 @@ class Palette:
         return np.asarray(np.array(self.moduli())[chosen])
 
     def elongations(self, chosen: Any) -> Array:
-        """Return the elongation that chosen materials bear at least, 1 for twice the length; no limit known: infinite."""
+        """Return the elongation that chosen materials bear at least, 1 for twice the length; infinite: not known."""
         from fem.material import printable
 
         laws = sorted((printable(name) for name in self.materials), key=lambda law: law.c1)

@@ -88,7 +88,9 @@ def studied(scene: Scene, progress: Progress, told: Callable[[str], None] | None
             ends.append(approach(goals, pressure, tables["inversion"], tell)[-1])
         except CatheterError as error:
             rows.append(
-                Row(method=f"map, {pressure / 1e3:g} kPa", level="refused", error=np.nan, seconds=0.0, failed=str(error))
+                Row(
+                    method=f"map, {pressure / 1e3:g} kPa", level="refused", error=np.nan, seconds=0.0, failed=str(error)
+                )
             )
     if not ends:
         raise BadInput("reach, pressures", "no map in bounds bears any of them", "expected lower ones")
@@ -177,8 +179,8 @@ def draw(figure: Any, found: Study) -> None:
     if found.x is not None:
         lines["best printed"] = found.x
     styles = dict(zip(lines, (("black", "-"), ("grey", ":"), ("#0072B2", "-"), ("#D55E00", "--")), strict=False))
-    space = figure.add_subplot(1, 3, 1, projection="3d")
-    plane = figure.add_subplot(2, 3, 2)
+    grid = figure.add_gridspec(2, 3)
+    space, plane = figure.add_subplot(grid[:, 0], projection="3d"), figure.add_subplot(grid[0, 1:])
     for name, nodes in lines.items():
         colour, style = styles[name]
         line = one.line(nodes)
@@ -191,17 +193,16 @@ def draw(figure: Any, found: Study) -> None:
         outer = MM * wall[:, 1::2]  # of bore and outer wall in turn
         space.plot_wireframe(*np.moveaxis(outer, -1, 0), color=colour, linewidth=0.2, alpha=0.4)
     space.set_aspect("equal")
-    space.set_title("mm, frame of the base", fontsize=8)
-    space.legend(fontsize=7)
+    space.set_title("centrelines and walls, mm, frame of the base; black: wanted", fontsize=8)
     plane.set(xlabel="ring from the base", ylabel="distance of the centreline [mm]")
     plane.legend(fontsize=7)
-    _map(figure, 5, one, best.found.moduli, f"best map, {best.pressure / 1e3:g} kPa")
+    _map(figure, grid[1, 1], one, best.found.moduli, f"best map, {best.pressure / 1e3:g} kPa")
     if found.chosen is not None:
-        _map(figure, 6, one, found.chosen, "best printed map")
+        _map(figure, grid[1, 2], one, found.chosen, "best printed map")
 
 
-def _map(figure: Any, at: int, one: Goal, moduli: Array, title: str) -> None:
-    made = figure.add_subplot(2, 3, at)
+def _map(figure: Any, at: Any, one: Goal, moduli: Array, title: str) -> None:
+    made = figure.add_subplot(at)
     shown = made.imshow(np.log10(MPA * moduli.reshape(one.grid)).T, origin="lower", cmap="viridis", aspect="auto")
     made.set(xlabel="voxel around", ylabel="voxel along", title=title)
     figure.colorbar(shown, ax=made, label="log10 of c1 in MPa")
