@@ -103,6 +103,43 @@ class Filmed:
         return Signal(time_s + found.offset_s, (tips - tips[0]) / self.cameras.scale, "m", name="extension")
 
 
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A recording's pressure [Pa] and twist [rad], the twist's standard deviation if known, and whose they are."""
+
+    pressure: Signal
+    twist: Signal | None
+    sigma: float | None
+    kind: str
+
+    def pairs(self) -> tuple[Array, Array]:
+        """Return pressures and twists (n,) at the twist's times, where both are known; empty without a twist."""
+        if self.twist is None:
+            return np.empty(0), np.empty(0)
+        there = self.pressure.at(self.twist.time_s)
+        good = np.isfinite(self.twist.value) & np.isfinite(there)
+        return there[good], self.twist.value[good]
+
+
+def seen(path: Path, cameras: Cameras | None = None, *, pressure: str = "/pressure", twist: str = "/twist") -> Seen:
+    """Return what a recording says of pressure and twist: as recorded, or else as its cameras saw it.
+
+    Raises BadInput without a pressure, and for a film whose light tells no clock.
+    """
+    with Recording(path) as recording:
+        load = recording.signal(pressure)
+        if twist in recording.channels:
+            components = recording.channels[twist].topic.components
+            angle = recording.signal(twist, "angle" if "angle" in components else None)
+            return Seen(load, angle, None, recording.kind)
+        filmed = {"/camera/top", "/led"} <= recording.channels.keys()
+        kind = recording.kind
+    if not filmed:
+        return Seen(load, None, None, kind)
+    film = Filmed(path, cameras or Cameras())
+    return Seen(load, film.twist, float(np.nanmedian(film.twist_sigma)), kind)
+
+
 def _tip(frame: Frame) -> float:
     """Return how far the tube reaches into a picture [px], NaN where there is none."""
     if frame.picture is None:

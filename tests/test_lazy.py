@@ -61,6 +61,7 @@ def test_only_what_is_needed_is_loaded(code: str, allowed: set[str]) -> None:
 OPTIONS = {"catheter", "data", "numpy"}  # what every scene is read with
 PINT = {"pint", "flexcache", "flexparser", "platformdirs", "typing_extensions", "scipy", "cython_runtime"}
 BENCH = OPTIONS | PINT | {"sysid"}  # sysid: the test signals
+INVERSE = [f"invert_{name}" for name in ("balloon", "bend", "cube", "fine", "graded", "twist")]
 SCENES = {  # every package, the project's and others', that reading a shipped scene loads
     "accumulator": BENCH,
     "bender": OPTIONS | PINT,
@@ -70,6 +71,7 @@ SCENES = {  # every package, the project's and others', that reading a shipped s
     "cracking": BENCH,
     "free": OPTIONS | PINT,
     "inflection": OPTIONS | PINT,
+    **dict.fromkeys(INVERSE, OPTIONS | PINT | {"fem", "numba", "llvmlite"}),
     "locomotion": OPTIONS | PINT,
     "printed": OPTIONS | PINT,
     "ramp": BENCH,
@@ -90,6 +92,7 @@ OWN = {  # and the modules of the robot it loads: no scene knows what another is
     "free": {"free", "helix", "refine", "robot", "task"},
     "locomotion": {"circuit", "drive", "free", "helix", "hydraulics", "periodic", "robot", "task", "tuning"},
     "inflection": SHAPE,
+    **{name: {"inflatable", "reconstruction"} for name in INVERSE},
     "printed": {"inflatable", "printed_bench"},
     "renal_balloon": SHAPE,
     "renal_spiral": SHAPE,

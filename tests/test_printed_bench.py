@@ -1,11 +1,13 @@
 """The simulated twist experiment: what cameras, light and gauge recorded leads back to the truth."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from catheter.filmed import Filmed
+from catheter.lab import cli
 from catheter.lab.record import record
 from catheter.lab.scene import Scene
 from catheter.printed_bench import Cameras, PrintedRun
@@ -77,3 +79,22 @@ def test_marker_and_outline_give_twist_and_extension_back(recorded: tuple[Path, 
 def test_an_exposure_is_no_longer_than_a_period() -> None:
     with pytest.raises(BadInput, match="a period at most"):
         Cameras(exposure=0.2)
+
+
+def test_a_film_drives_the_twin_and_gives_the_materials_back(
+    recorded: tuple[Path, PrintedRun], capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, _ = recorded
+    scene = path.with_name("small.toml")
+    scene.write_text(SCENE)
+    assert cli.run(["twin", str(scene), str(path), "--json"]) == 0
+    twin = json.loads(capsys.readouterr().out)
+    assert twin["compared"] == 50  # frames
+    assert np.radians(0.02) < twin["rmse_rad"] < np.radians(1)  # the table's materials are not those printed
+    assert cli.run(["invert", str(path), "--pressure-noise", "0.0025", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["materials"]
+    for name, true_pa in (("Agilus30", 0.2e6 * 1.05), ("FLX9785", 1.89e6 * 0.95)):
+        low, high = found[name]["interval_pa"]
+        width = high - low
+        assert low - width / 2 < true_pa < high + width / 2  # twice the 95 % interval
+        assert width < 0.5 * true_pa

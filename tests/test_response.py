@@ -187,4 +187,4 @@ def test_a_recording_that_does_not_say_what_it_is_makes_no_other(tmp_path: Path,
     assert cli.run(["twin", str(scene), str(source)]) == 2
     assert "/pressure" in capsys.readouterr().err
     assert cli.run(["twin", "bender", str(source)]) == 2
-    assert "a tube scene has a [tube]" in capsys.readouterr().err
+    assert "has no [tube]" in capsys.readouterr().err

@@ -2,7 +2,7 @@
 
 import argparse
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -281,66 +281,20 @@ def _palette_table(printed: dict[str, dict[str, Any]]) -> Any:
     return table(head, rows)
 
 
-@dataclass(frozen=True)
-class _Seen:
-    """Pressures (n,) [Pa] and twists (n,) [rad] as recorded, the twists' standard deviation, and whose they are."""
-
-    pressure: Any
-    angle: Any
-    sigma: float
-    origin: str
-
-
-def _actuator(source: Path, name: str | None) -> "Scene":
-    """Return the scene of the recorded actuator: the named one, or else the one in the recording itself."""
-    from catheter.lab.scene import Scene
-    from data.recording import Recording
-
-    if name:
-        scene = Scene.load(name)
-    else:
-        with Recording(source) as recording:
-            text = recording.scene
-        if not text:
-            raise BadInput(source, "does not say what was recorded", "name the actuator's scene: --scene printed")
-        scene = Scene.parse(text, f"{source}, scene")
-    if not {"tube", "map"} <= scene.tables.keys():
-        raise BadInput(
-            f"scene {scene.heading.title!r}", "has no [tube] and [map]", "name the actuator's: --scene printed"
-        )
-    return scene
-
-
-def _seen(source: Path, scene: "Scene", camera_noise: float) -> _Seen:
-    """Return pressure and twist: /twist where it was recorded, else what the camera above sees, clocks aligned."""
-    from data.recording import Recording
-
-    with Recording(source) as recording:
-        filmed = "/twist" not in recording.channels and "/camera/top" in recording.channels
-        pressure, origin = recording.signal("/pressure", "pressure"), str(recording.kind)
-        angle = None if filmed else recording.signal("/twist", "angle")
-    if angle is None:
-        from catheter.filmed import Filmed
-        from catheter.printed_bench import Cameras
-
-        film = Filmed(source, scene.tables.get("cameras", Cameras()))
-        angle, camera_noise = film.twist, float(np.nanmedian(film.twist_sigma))
-    there = pressure.at(angle.time_s)
-    good = np.isfinite(angle.value) & np.isfinite(there)
-    return _Seen(there[good], angle.value[good], camera_noise, origin)
-
-
 def _calibrated(options: argparse.Namespace) -> Outcome:
     """Calibrate a scene's two materials from a recording's pressure and twist."""
     from catheter.calibrate import calibrate, groups, twist_curve
+    from catheter.filmed import seen
+    from catheter.lab.scene import recorded_scene
     from catheter.reconstruction import tube_voxels
 
     source = Path(options.source)
     if options.view:
         check_inputs(Path(options.view), source)
-    scene = _actuator(source, options.scene)
-    seen = _seen(source, scene, math.radians(options.camera_noise))
-    pressure, angle, origin = seen.pressure, seen.angle, seen.origin
+    scene = recorded_scene(source, options.scene, ("tube", "map"))
+    found = seen(source, scene.tables.get("cameras"))
+    pressure, angle = found.pairs()
+    sigma = math.radians(options.camera_noise) if found.sigma is None else found.sigma
     shape, pattern = scene.tables["tube"], scene.tables["map"]
     stiff = pattern.stiff_voxels(shape.voxels[0], shape.voxels[1]).ravel()
     seed = np.sort(np.unique(pattern.moduli(*shape.voxels)))
@@ -348,24 +302,24 @@ def _calibrated(options: argparse.Namespace) -> Outcome:
         raise BadInput(f"scene {scene.heading.title!r}", f"has {len(seed)} moduli", "a calibration needs two materials")
     few = groups(tube_voxels(shape), stiff.astype(int))
     grid = np.linspace(0, float(pressure.max()) * 1.02, 9)[1:]
-    found = calibrate(
-        twist_curve(few, grid), pressure, angle, angle_sd=seen.sigma,
+    fitted = calibrate(
+        twist_curve(few, grid), pressure, angle, angle_sd=sigma,
         pressure_share=options.pressure_noise, seed=seed,
     )  # fmt: skip
     names = [pattern.soft, pattern.stiff]
     rows = [
         [name, f"{m / 1e6:.4f}", f"{low / 1e6:.4f}", f"{high / 1e6:.4f}", f"{s / 1e6:.4f}"]
-        for name, m, (low, high), s in zip(names, found.moduli, found.interval, seed, strict=True)
+        for name, m, (low, high), s in zip(names, fitted.moduli, fitted.interval, seed, strict=True)
     ]
     head = ["material", "c1 MPa", "95 % from", "to", "as in the table"]
     values = {
-        "origin": origin, "samples": len(pressure), "misfit": found.misfit, "steps": found.steps,
+        "origin": found.kind, "samples": len(pressure), "misfit": fitted.misfit, "steps": fitted.steps,
         "materials": {
             name: {"c1_pa": float(m), "interval_pa": [float(a), float(b)]}
-            for name, m, (a, b) in zip(names, found.moduli, found.interval, strict=True)
+            for name, m, (a, b) in zip(names, fitted.moduli, fitted.interval, strict=True)
         },
     }  # fmt: skip
-    title = f"{source.name} ({origin}): two moduli from {len(pressure)} samples of pressure and twist"
+    title = f"{source.name} ({found.kind}): two moduli from {len(pressure)} samples of pressure and twist"
     return Outcome(
-        values, [table(head, rows, title), f"Misfit {found.misfit:.2f} of the noise given, {found.steps} steps."]
+        values, [table(head, rows, title), f"Misfit {fitted.misfit:.2f} of the noise given, {fitted.steps} steps."]
     )

@@ -155,6 +155,23 @@ class Scene:
         return cls(heading=heading, text=text, tables=options)
 
 
+def recorded_scene(recording: Path, name: str | None, needed: tuple[str, ...]) -> Scene:
+    """Return the named scene, or else the one a recording holds; needed: the tables it must have. Raises BadInput."""
+    from data.recording import Recording
+
+    if name:
+        scene = Scene.load(name)
+    else:
+        with Recording(recording) as opened:
+            text = opened.scene
+        if not text:
+            raise BadInput(recording, "does not say what was recorded", "name the actuator's scene: --scene printed")
+        scene = Scene.parse(text, f"{recording}, scene")
+    if lacking := [table for table in needed if table not in scene.tables]:
+        raise BadInput(f"scene {scene.heading.title!r}", f"has no [{lacking[0]}]", "name the actuator's scene")
+    return scene
+
+
 def _class(path: str) -> Any:
     module, _, name = path.rpartition(".")
     return getattr(import_module(module), name)

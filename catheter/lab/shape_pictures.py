@@ -49,13 +49,14 @@ def _draw(figure: Any, found: dict[str, Shaped]) -> None:
     figure.set_size_inches(13, 8.5)
     grid = [figure.add_subplot(2, 3, k + 1, projection="3d") for k in range(6)]
     for axes, name in zip(grid, SCENES, strict=False):
-        _draw_shape(axes, found[name], 1.0, SCENES[name])
-    _draw_frames(grid[4], found["inflection"])
-    _draw_voxel(grid[5], found["twisting"])
+        draw_shape(axes, found[name], 1.0, SCENES[name])
+    draw_frames(grid[4], found["inflection"])
+    draw_voxel(grid[5], found["twisting"])
     figure.suptitle("Shapes of thesis Figs. 4.4 to 4.7, simulated; grey: at rest; mm", fontsize=11)
 
 
-def _draw_shape(axes: Any, case: Shaped, q: float, title: str) -> None:
+def draw_shape(axes: Any, case: Shaped, q: float, title: str) -> None:
+    """Draw a wall at q, in its vessel or beside its straight self."""
     vessel = case.vessel
     if vessel.kind != "straight":
         w = np.linspace(0, vessel.length, 60)
@@ -76,7 +77,7 @@ def _surface(axes: Any, points: Array, colour: str, alpha: float) -> None:
     axes.plot_surface(x, y, z, color=colour, alpha=alpha, linewidth=0, rcount=40, ccount=240)
 
 
-def _draw_frames(axes: Any, case: Shaped) -> None:
+def draw_frames(axes: Any, case: Shaped) -> None:
     """Draw double-reflection normals along the final curve, and mark where Frenet-Serret has none."""
     w = np.linspace(0, case.shape.length, 41)
     curve = case.shape.final
@@ -104,7 +105,8 @@ def _without_normal(curve: Curve, w: Array) -> Any:
     return (size <= STRAIGHT) | np.append(over, False) | np.append(False, over)
 
 
-def _draw_voxel(axes: Any, case: Shaped) -> None:
+def draw_voxel(axes: Any, case: Shaped) -> None:
+    """Draw a voxel at rest and moved, with its strain."""
     asked = query(case.shape, case.actuator, VOXEL, 1.0)
     for corners, colour in ((asked.rest, "grey"), (asked.moved, "tab:blue")):
         flat = MM * corners.reshape(8, 3)

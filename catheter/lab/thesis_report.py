@@ -25,8 +25,10 @@ SECTIONS = (  # in the thesis's order; a module below catheter.lab, and its func
     "thesis.locomotion.locomotion",
     "thesis.valves.valves",
     "thesis.bender.bender_force",
+    "thesis.shapes.shapes",
     "thesis.materials.materials",
     "thesis.inverse.inverse",
+    "thesis.reconstructions.reconstructions",
 )
 FIGURES = (  # every figure that is to be drawn anew; one that no section draws is an entry that says so
     *("3.10", "3.11", "3.12", "3.13", "3.16", "3.20"),

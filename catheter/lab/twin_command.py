@@ -25,8 +25,8 @@ MODEL, RESIDUAL, EXTENSION = "/simulated/twist", "/simulated/residual", "/simula
 
 def twin_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `twin`."""
-    parser.add_argument("scene", help="a tube scene: shipped (twist), or a .toml file")
-    parser.add_argument("recording", help="an MCAP file with a pressure, and perhaps a twist")
+    parser.add_argument("scene", help="the actuator's scene: shipped (twist, printed), or a .toml file")
+    parser.add_argument("recording", help="an MCAP file with a pressure, and perhaps a twist or a film of it")
     parser.add_argument("--out", metavar="FILE.mcap", help="pressure, model, measurement and residual as a recording")
     parser.add_argument("--pressure", default="/pressure", metavar="TOPIC", help="default: /pressure")
     parser.add_argument(
@@ -43,29 +43,30 @@ def twin_options(parser: argparse.ArgumentParser) -> None:
 
 def twin_(options: argparse.Namespace) -> Outcome:
     """Drive a tube's model by a recording."""
+    from catheter.filmed import seen
+    from catheter.inflatable import Path as Loads
     from catheter.inflatable import build
-    from catheter.lab.scene import Scene
+    from catheter.lab.scene import recorded_scene
     from catheter.response import Fineness
     from catheter.twin import Twinning, twin
     from data.options import read
 
-    scene = Scene.load(options.scene)
-    if scene.heading.kind != "tube":
-        raise BadInput(f"scene {options.scene}", f"is a {scene.heading.kind} scene", "a tube scene has a [tube]")
     source, out = Path(options.recording), Path(options.out) if options.out else None
     if out:
         check_inputs(out, source)
         check_free(out, options.force)
     chosen = read(Twinning, {"ambient": options.ambient, "lag": options.lag}, "command line")
     fineness = read(Fineness, {"tolerance": options.tolerance}, "command line")
-    tube = build(*(scene.tables[name] for name in ("tube", "map", "path")))
+    scene = recorded_scene(source, options.scene, ("tube", "map"))
+    tube = build(scene.tables["tube"], scene.tables["map"], scene.tables.get("path", Loads()))
     with Recording(source) as recording, progress("equilibria") as advance:
         if out and recording.kind == UNSTATED:
             raise BadInput(source, "does not say whether it was measured or simulated", "record it with its origin")
-        measured = _measured(recording, options.twist)
-        pressure = recording.signal(options.pressure)
+        if options.twist not in recording.channels and options.twist != "/twist":
+            recording.signal(options.twist)  # refuses, with the nearest name
+        told = seen(source, scene.tables.get("cameras"), pressure=options.pressure, twist=options.twist)
         try:
-            found = twin(tube, pressure, measured, options=chosen, fineness=fineness, progress=advance)
+            found = twin(tube, told.pressure, told.twist, options=chosen, fineness=fineness, progress=advance)
         except DidNotConverge as error:
             error.add_note("is the recorded pressure absolute? --ambient takes what it is at rest")
             raise
@@ -74,14 +75,6 @@ def twin_(options: argparse.Namespace) -> Outcome:
             _save(found, out, options, {"kind": kind, "title": f"{title}, beside {scene.heading.title}"})
     values = _values(found, kind) | {"scene": scene.heading.title, "out": options.out}
     return Outcome(values, _parts(values, found, source))
-
-
-def _measured(recording: Recording, topic: str) -> Signal | None:
-    """Return the twist's angle; None where the default topic is not in the recording."""
-    if topic not in recording.channels and topic == "/twist":
-        return None
-    components = recording.channels[topic].topic.components if topic in recording.channels else ()
-    return recording.signal(topic, "angle" if "angle" in components else None)
 
 
 def _save(found: "Twin", out: Path, options: argparse.Namespace, origin: dict[str, str]) -> None:
