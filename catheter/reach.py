@@ -14,7 +14,6 @@ import numpy as np
 from catheter.motions import Actuator
 from catheter.reconstruction import Palette
 from catheter.shape import Shape
-from catheter.target import target
 from data.errors import BadInput, CatheterError, DidNotConverge
 from data.options import option
 from data.signal import Array
@@ -93,6 +92,7 @@ class Reached:
 
 def goal(shape: Shape, actuator: Actuator, q: float, nu: float = 0.499) -> Goal:
     """Return the shape at q on an actuator's mesh. Raises BadInput for 20-node elements, and as target."""
+    from catheter.target import target
     from fem import tube_grid
     from fem.material import NeoHooke
 
