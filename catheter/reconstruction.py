@@ -260,14 +260,12 @@ def solved(
     return reconstruct(case.voxels, case.observations, first, case.variation, options, progress)
 
 
-def discretised(
-    problem: Problem, grid: tuple[int, ...], found: Reconstruction, palette: Palette
-) -> "Iterator[tuple[str, Printed | CatheterError]]":
+def discretised(case: Case, found: Reconstruction, palette: Palette) -> "Iterator[tuple[str, Printed | CatheterError]]":
     """Yield each way of choosing printable materials for a map, and what would be printed, solved."""
     from fem.palette import binned, diffused, dithered, printed, swapped
 
-    moduli, start = palette.moduli(), found.standings
-    flat = found.moduli.reshape(grid)
+    problem, moduli, start = case.problem, palette.moduli(), found.standings
+    flat = found.moduli.reshape(case.grid)
     plain: dict[str, Callable[[], Any]] = {
         "nearest": lambda: binned(flat, moduli),
         "nearest in logarithm": lambda: binned(flat, moduli, log=True),

@@ -246,7 +246,7 @@ def _printable(case: "Case", found: "Reconstruction", palette: Any) -> dict[str,
     from catheter.reconstruction import discretised
 
     rows: dict[str, dict[str, float | str]] = {}
-    for name, made in discretised(case.problem, case.grid, found, palette):
+    for name, made in discretised(case, found, palette):
         if isinstance(made, CatheterError):
             rows[name] = {"failed": str(made)}
             continue
