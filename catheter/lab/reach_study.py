@@ -114,7 +114,7 @@ def _printed(best: Reached, palette: Palette, inversion: Any) -> tuple[list[Row]
     for name, made in printable(again, palette).items():
         rows.append(_made_row(f"printed, {name}", one, palette, made))
         good += [made] if isinstance(made, Made) else []
-    for k, name in enumerate(sorted_names(palette)):
+    for k, name in enumerate(palette.names()):
         alone: Made | CatheterError
         try:
             alone = pressed(one, palette, np.full(one.voxels.count, k), 1.5 * again.pressure)
@@ -135,13 +135,6 @@ def _made_row(method: str, one: Goal, palette: Palette, made: Made | CatheterErr
     count = len(np.unique(made.chosen))
     level = f"{made.pressure / 1e3:.4g} kPa{edge}; {count} materials; {over} voxels overstretched"
     return _row(method, made.off, level, made.seconds)
-
-
-def sorted_names(palette: Palette) -> list[str]:
-    """Return the palette's materials, soft to stiff."""
-    from fem.material import printable as material
-
-    return sorted(palette.materials, key=lambda name: material(name).c1)
 
 
 def _row(method: str, off: Off, level: str, seconds: float) -> Row:
