@@ -14,6 +14,7 @@ from catheter.reach import Goal, Made, Off, Reached, approach, goal, pressed, pr
 from catheter.reconstruction import Palette
 from data.errors import BadInput, CatheterError
 from data.signal import Array
+from fem.palette import binned
 
 MM, MPA = 1e3, 1e-6
 SCENE = "invert_spiral"
@@ -101,6 +102,9 @@ def studied(scene: Scene, progress: Progress, told: Callable[[str], None] | None
     if palette.materials:
         more, chosen, x = _printed(best, palette, tables["inversion"])
         rows += more
+        nearest = binned(best.found.moduli, palette.moduli(), log=True)
+        over = palette.overstretched(last.voxels, nearest, best.found.standings)
+        notes.append(f"Of the nearest map {over} voxels are stretched past the elongation of the nearest material.")
     progress(1.0)
     return Study(scene.heading.title, rows, notes, best, chosen, x)
 
