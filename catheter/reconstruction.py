@@ -53,6 +53,12 @@ class Palette:
     materials: tuple[str, ...] = ()
     rounds: int = option(12, least=0)
 
+    def names(self) -> list[str]:
+        """Return the materials, soft to stiff. Raises BadInput for a material without c1."""
+        from fem.material import printable
+
+        return sorted(self.materials, key=lambda name: printable(name).c1)
+
     def moduli(self) -> tuple[float, ...]:
         """Return c1 of each, ascending [Pa]. Raises BadInput for a material without c1."""
         from fem.material import printable
@@ -62,6 +68,17 @@ class Palette:
     def moduli_of(self, chosen: Any) -> Array:
         """Return c1 of chosen materials [Pa]."""
         return np.asarray(np.array(self.moduli())[chosen])
+
+    def elongations(self, chosen: Any) -> Array:
+        """Return the elongation that chosen materials bear at least, 1 for twice the length; infinite: not known."""
+        from fem.material import printable
+
+        return np.asarray(np.array([printable(name).elongation for name in self.names()])[chosen])
+
+    def overstretched(self, voxels: Voxels, chosen: Any, standings: Sequence[Standing]) -> int:
+        """Return how many voxels of a printed map are stretched past their material's elongation at any pressure."""
+        most = np.max([voxels.stretch(standing.state.x) for standing in standings], axis=0)
+        return int((most - 1 > self.elongations(chosen)).sum())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,9 +126,7 @@ class Case:
 
     def names(self, palette: Palette) -> list[str]:
         """Return the palette's materials, soft to stiff."""
-        from fem.material import printable
-
-        return sorted(palette.materials, key=lambda name: printable(name).c1)
+        return palette.names()
 
     def errors(self, standings: Sequence[Standing]) -> Array:
         """Return every node's distance from where the truth puts it, at all pressures (n,) [m]."""

@@ -174,6 +174,14 @@ class Body:
         """Return the deformation gradients (e, g, 3, 3)."""
         return np.asarray(np.einsum("eai,egaj->egij", x[self.mesh.hexes], self.gradient))
 
+    def stretch(self, x: Array, which: Indices) -> Array:
+        """Return the largest principal stretch in each voxel (v,); which (e,): an element's voxel, -1 for none."""
+        largest = np.linalg.norm(self.deformation(x), ord=2, axis=(-2, -1)).max(axis=1)
+        out = np.zeros(int(which.max()) + 1)
+        inside = which >= 0
+        np.maximum.at(out, which[inside], largest[inside])
+        return out
+
 
 class Inverted(DidNotConverge):
     """A trial state with an element turned inside out."""

@@ -3,8 +3,8 @@
 Minimised is |misfit|^2 + 2 weight TV(log moduli) within bounds. The weight is not set by hand: it is
 the noise's variance over `prior`, the mean difference in log modulus expected between neighbours. While the
 misfit is larger than the noise, a share `eager` of it stands for the noise, so that the weight falls with
-the misfit (Yamashita and Fukushima, Computing Suppl. 15, 2001): to nothing where data are exact. Noise
-that is not known is estimated from the misfit that no map removes.
+the misfit (Yamashita and Fukushima, Computing Suppl. 15, 2001): to nothing where data are exact. The noise is
+what the observations state, all of them or none; it is never estimated, and data that state none count as exact.
 
 A step s moves a modulus to E (1 + s) where it stiffens and E / (1 - s) where it softens: a voxel
 much softer than its neighbours takes up strain linearly in its modulus, one much stiffer in its compliance.
@@ -73,7 +73,7 @@ class Iteration:
 class Reconstruction:
     """A map: moduli (v,) [Pa], the equilibria at each pressure, and how it was found.
 
-    noise: of a misfit, in its unit (see Iteration): given, estimated, or 0. bounded (v,): -1 at the
+    noise: of a misfit, in its unit (see Iteration): 1 where it is given, else 0. bounded (v,): -1 at the
     least modulus, 1 at the most. strengthened: times the seed was doubled until it could bear the pressure.
     """
 

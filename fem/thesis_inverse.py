@@ -4,7 +4,8 @@ Corrected: 6.7 and 6.10 lack a transpose and disagree in sign, 6.15 and 6.18 hav
 (as printed the strain update goes uphill), 6.28 prints a sum where rows are stacked, Algorithm 3 as
 printed keeps exactly the differences that the text leaves unpenalised. Its sum over load steps (6.24) is
 replaced by what it amounts to for a hyperelastic body, the converged tangent; its lambda I (6.26) is kept.
-fmincon's SQP is scipy's trust-region for bound-constrained least squares of the three stacked penalties.
+fmincon's SQP is one exact step: the three penalties, linearised and stacked, are minimised in the bounds by
+block pivoting (fem.regular.boxed).
 """
 
 import time

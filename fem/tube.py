@@ -203,12 +203,7 @@ class Inflation:
     def stretch(self, index: int = -1) -> Array:
         """Return the largest principal stretch in each voxel at one load, (around, along)."""
         body = self.system.body
-        F = body.deformation(self.points[index].x)
-        largest = np.linalg.norm(F, ord=2, axis=(-2, -1)).max(axis=1)
-        out = np.zeros(self.tube.material.size)
-        inside = body.mesh.part >= 0
-        np.maximum.at(out, body.mesh.part[inside], largest[inside])
-        return out.reshape(self.tube.material.shape)
+        return body.stretch(self.points[index].x, body.mesh.part).reshape(self.tube.material.shape)
 
     def overstretched(self, index: int = -1) -> NDArray[np.bool_]:
         """Return which voxels are stretched past their material's elongation at one load, (around, along)."""

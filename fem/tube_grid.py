@@ -58,15 +58,28 @@ def tube(
         )
     part = voxels_of(divisions, voxels)
     body = tube_lattice(length, outer_radius, wall, divisions, order)
+    if not cap:
+        return capped(body, part, order)
+    nodes, hexes, lid = _disc(body, _rings(body.hexes), divisions, cap, order)
+    return _closed(body, part, nodes, hexes, lid, np.empty(0, dtype=np.int32))
+
+
+def capped(body: Lattice, part: Indices, order: int) -> Mesh:
+    """Return a tube of any shape, its base ring fixed, its other end closed by a rigid cap.
+
+    body: a lattice closed around its first axis; part (around, along, through): the voxel of each element.
+    """
+    nodes, lid = _rigid_lid(body, order)
     end = body.index[:, -1]
-    hexes, bore = _rings(body.hexes), _rings(body.face("w0")[:, :, None])
+    tied = np.concatenate([end[end >= 0], np.arange(len(body.nodes), len(nodes))]).astype(np.int32)
+    return _closed(body, part, nodes, _rings(body.hexes), lid, tied)
+
+
+def _closed(  # noqa: PLR0917
+    body: Lattice, part: Indices, nodes: Array, hexes: Indices, lid: Indices, tied: Indices
+) -> Mesh:
+    end, bore = body.index[:, -1], _rings(body.face("w0")[:, :, None])
     numbers = part.transpose(1, 0, 2).reshape(-1)
-    if cap:
-        nodes, hexes, lid = _disc(body, hexes, divisions, cap, order)
-        tied = np.empty(0, dtype=np.int32)
-    else:
-        nodes, lid = _rigid_lid(body, order)
-        tied = np.concatenate([end[end >= 0], np.arange(len(body.nodes), len(nodes))]).astype(np.int32)
     fixed = np.zeros((len(nodes), 3), dtype=bool)
     fixed[body.index[:, 0][body.index[:, 0] >= 0]] = True
     numbers = np.append(numbers, np.full(len(hexes) - len(numbers), -1)).astype(np.int32)

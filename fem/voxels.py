@@ -76,6 +76,10 @@ class Voxels:
         body = replace(unit, numbers=numbers, kappa=unit.kappa * factor, softest=softest)
         return self.system.with_body(body)
 
+    def stretch(self, x: Array) -> Array:
+        """Return the largest principal stretch in each voxel (v,) at positions x (n, 3) [m]."""
+        return self.system.body.stretch(x, self.which)
+
     def onto(self, x: Array) -> Any:
         """Return d(positions) / d(unknowns) at positions x, sparse (3n, k)."""
         from scipy.sparse import coo_array

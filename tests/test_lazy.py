@@ -61,7 +61,7 @@ def test_only_what_is_needed_is_loaded(code: str, allowed: set[str]) -> None:
 OPTIONS = {"catheter", "data", "numpy"}  # what every scene is read with
 PINT = {"pint", "flexcache", "flexparser", "platformdirs", "typing_extensions", "scipy", "cython_runtime"}
 BENCH = OPTIONS | PINT | {"sysid"}  # sysid: the test signals
-INVERSE = [f"invert_{name}" for name in ("balloon", "bend", "cube", "fine", "graded", "twist")]
+INVERSE = [f"invert_{name}" for name in ("balloon", "bend", "cube", "fine", "graded", "spiral", "twist")]
 SCENES = {  # every package, the project's and others', that reading a shipped scene loads
     "accumulator": BENCH,
     "bender": OPTIONS | PINT,
@@ -93,6 +93,7 @@ OWN = {  # and the modules of the robot it loads: no scene knows what another is
     "locomotion": {"circuit", "drive", "free", "helix", "hydraulics", "periodic", "robot", "task", "tuning"},
     "inflection": SHAPE,
     **{name: {"inflatable", "reconstruction"} for name in INVERSE},
+    "invert_spiral": SHAPE | {"inflatable", "reconstruction", "reach"},
     "printed": {"inflatable", "printed_bench"},
     "renal_balloon": SHAPE,
     "renal_spiral": SHAPE,

@@ -42,6 +42,11 @@ def invert_(options: argparse.Namespace) -> Outcome:
     """Invert a scene or a recording."""
     if str(options.source).endswith(".mcap"):
         return _calibrated(options)
+    from catheter.lab.scene import Scene
+
+    scene = Scene.load(options.source)
+    if scene.heading.kind == "inverse-shape":
+        return _reached(options, scene)
     case, scene = _case(options)
     out = Path(options.out) if options.out else None
     view = Path(options.view) if options.view else None
@@ -71,6 +76,43 @@ def invert_(options: argparse.Namespace) -> Outcome:
         outcome.values["view"] = str(view)
         outcome.parts.append(f"Dashboard: {view}   (look at it with: rerun {view})")
     return outcome
+
+
+def _reached(options: argparse.Namespace, scene: "Scene") -> Outcome:
+    """Say how near a scene's shape is reached. Raises BadInput for options that are for other scenes."""
+    from catheter.lab.outcome import progress
+    from catheter.lab.reach_study import studied
+
+    for name in ("seed", "seen", "noise", "number", "view"):
+        if getattr(options, name) is not None:
+            raise BadInput(f"--{name}", "is given for a shape that is wanted", "set [reach] in the scene")
+    out = Path(options.out) if options.out else None
+    if out:
+        check_free(out, options.force)
+    with progress(scene.heading.title) as advance:
+        found = studied(scene, advance)
+    best = found.best
+    if out:
+        from data.files import fresh
+
+        grid = np.array(best.goal.grid)
+        with fresh(out, options.force) as temporary, temporary.open("wb") as file:
+            np.savez(file, moduli_pa=best.found.moduli, grid=grid, pressure_pa=best.pressure, origin="simulated")
+    values = {
+        "simulated": True,
+        "title": found.title,
+        "pressure_pa": best.pressure,
+        "rms_mm": 1e3 * best.off.rms,
+        "largest_mm": 1e3 * best.off.largest,
+        "rows": [vars(row) for row in found.rows],
+        "moduli_pa": best.found.moduli.reshape(best.goal.grid).tolist(),
+        "printed_pa": None if found.chosen is None else found.chosen.reshape(best.goal.grid).tolist(),
+    }
+    rows = [[r.method, r.level, r.error_text, f"{r.seconds:.3g}"] for r in found.rows]
+    shown = table(
+        ["map", "how it ended", "rms mm", "s"], rows, f"{found.title} (simulated): distance of the centreline"
+    )
+    return Outcome(values, [shown, *found.notes, *([f"Map: {out}"] if out else [])])
 
 
 def _case(options: argparse.Namespace, name: str = "") -> "tuple[Case, Scene]":
@@ -215,6 +257,7 @@ def _printable(case: "Case", found: "Reconstruction", palette: Any) -> dict[str,
             "largest_mm": 1e3 * float(errors.max()),
             "materials": len(set(names)),
             "solved": made.solved,
+            "overstretched": palette.overstretched(case.voxels, made.chosen, made.standings),
             "as_true": float((palette.moduli_of(made.chosen) == case.truth).mean()),
         }
     return rows
@@ -222,7 +265,7 @@ def _printable(case: "Case", found: "Reconstruction", palette: Any) -> dict[str,
 
 def _palette_table(printed: dict[str, dict[str, Any]]) -> Any:
     rows = [
-        [name, row["failed"], "", "", ""]
+        [name, row["failed"], "", "", "", ""]
         if "failed" in row
         else [
             name,
@@ -230,10 +273,11 @@ def _palette_table(printed: dict[str, dict[str, Any]]) -> Any:
             f"{row['largest_mm']:.4f}",
             f"{100 * row['as_true']:.1f}",
             str(row["solved"]),
+            str(row["overstretched"]),
         ]
         for name, row in printed.items()
     ]
-    head = ["printed map (simulated)", "rms error mm", "largest mm", "as the truth %", "solved"]
+    head = ["printed map (simulated)", "rms error mm", "largest mm", "as the truth %", "solved", "overstretched"]
     return table(head, rows)
 
 

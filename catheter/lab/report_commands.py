@@ -36,6 +36,7 @@ STUDIES = {  # the module of each report; the function has its name, with "_" fo
     "shape": "shape_study",
     "shape-pictures": "shape_pictures",
     "inverse": "inverse_study",
+    "inverse-spiral": "reach_study",
     "calibration": "calibration_study",
     "inverse-stability": "inverse_study",
     "twist": "vision_study",

@@ -36,7 +36,7 @@ class Shaped:
 def shaped(name: str, qs: list[float] | None = None, file: str | None = None, unit: str | None = None) -> Shaped:
     """Return the shape of a scene, with another vessel file if one is named. Raises BadInput."""
     scene = Scene.load(name)
-    if scene.heading.kind != "shape":
+    if "vessel" not in scene.tables:
         raise BadInput(f"scene {name}", f"is a {scene.heading.kind} scene", "a shape scene has a [vessel]")
     tables = scene.tables
     source = tables["vessel"]
@@ -46,8 +46,8 @@ def shaped(name: str, qs: list[float] | None = None, file: str | None = None, un
         raise BadInput("--unit", "is given without --vessel", "set unit in the scene's [vessel]")
     if not all(0 <= q <= 1 for q in qs or ()):
         raise BadInput("--q", f"is {qs}", "expected 0 to 1")
-    vessel, actuator = load(source), tables["actuator"]
-    motions = Motions(**{motion: tables[motion] for motion in ("spiral", "bend", "twist", "balloon")})
+    actuator = tables["actuator"]
+    vessel, motions = placed(replace(scene, tables={**tables, "vessel": source}))
     shape = build(vessel, actuator, motions)
     return Shaped(
         title=scene.heading.title,
@@ -56,6 +56,12 @@ def shaped(name: str, qs: list[float] | None = None, file: str | None = None, un
         shape=shape,
         qs=tuple(sorted(set(qs or QS))),
     )
+
+
+def placed(scene: Scene) -> tuple[Vessel, Motions]:
+    """Return a scene's vessel and what its shape is made of. Raises BadInput for what makes no vessel."""
+    motions = Motions(**{motion: scene.tables[motion] for motion in ("spiral", "bend", "twist", "balloon")})
+    return load(scene.tables["vessel"]), motions
 
 
 def volume_error(shape: Shape, q: float, grid: tuple[int, int, int] = GRID) -> Array:
