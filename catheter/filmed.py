@@ -6,7 +6,7 @@ camera above looks against the axis: what it sees turn clockwise, turns anticloc
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -15,7 +15,7 @@ import numpy as np
 from catheter.printed_bench import LED, Cameras
 from data.recording import Recording
 from data.signal import Array, Signal
-from vision.clock import Flash, Offset, brightness, flashes, of_known_length, offset
+from vision.clock import Flash, Offset, brightness, flashes, of_known_length, offset, on_clock
 from vision.fit import NoMarker
 from vision.frames import Frame, open_source
 from vision.side import side
@@ -82,7 +82,7 @@ class Filmed:
     def twist(self) -> Signal:
         """Twist [rad] since the first frame, anticlockwise as seen from beyond the tip; NaN without a marker."""
         found, seen = self._top
-        return Signal(seen.time_s + found.offset_s, -seen.angle_rad, "rad", name="twist")
+        return on_clock(Signal(seen.time_s, -seen.angle_rad, "rad", name="twist"), found)
 
     @cached_property
     def twist_sigma(self) -> Array:
@@ -100,16 +100,21 @@ class Filmed:
     def extension(self) -> Signal:
         """How far the tip moved along the axis since the first frame [m]; NaN where no tube was seen."""
         found, time_s, tips = self._side
-        return Signal(time_s + found.offset_s, (tips - tips[0]) / self.cameras.scale, "m", name="extension")
+        return on_clock(Signal(time_s, (tips - tips[0]) / self.cameras.scale, "m", name="extension"), found)
+
+    @property
+    def seen(self) -> "Seen":
+        """Its pressure and twist, and how sure the twist is."""
+        return Seen(self.pressure, self.twist, float(np.nanmedian(self.twist_sigma)), self.kind)
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A recording's pressure [Pa] and twist [rad], the twist's standard deviation if known, and whose they are."""
+    """A recording's pressure [Pa] and twist [rad], the twist's standard deviation (NaN: not known), and whose."""
 
     pressure: Signal
     twist: Signal | None
-    sigma: float | None
+    sigma: float
     kind: str
 
     def pairs(self) -> tuple[Array, Array]:
@@ -131,13 +136,12 @@ def seen(path: Path, cameras: Cameras | None = None, *, pressure: str = "/pressu
         if twist in recording.channels:
             components = recording.channels[twist].topic.components
             angle = recording.signal(twist, "angle" if "angle" in components else None)
-            return Seen(load, angle, None, recording.kind)
+            return Seen(load, angle, math.nan, recording.kind)
         filmed = {"/camera/top", "/led"} <= recording.channels.keys()
         kind = recording.kind
     if not filmed:
-        return Seen(load, None, None, kind)
-    film = Filmed(path, cameras or Cameras())
-    return Seen(load, film.twist, float(np.nanmedian(film.twist_sigma)), kind)
+        return Seen(load, None, math.nan, kind)
+    return replace(Filmed(path, cameras or Cameras()).seen, pressure=load)
 
 
 def _tip(frame: Frame) -> float:

@@ -293,7 +293,7 @@ def _calibrated(options: argparse.Namespace) -> Outcome:
     scene = recorded_scene(source, options.scene, ("tube", "map"))
     found = seen(source, scene.tables.get("cameras"))
     pressure, angle = found.pairs()
-    sigma = math.radians(options.camera_noise) if found.sigma is None else found.sigma
+    sigma = math.radians(options.camera_noise) if math.isnan(found.sigma) else found.sigma
     shape, pattern = scene.tables["tube"], scene.tables["map"]
     fitted = calibrated(shape, pattern, pressure, angle, angle_sd=sigma, pressure_share=options.pressure_noise)
     seed = np.unique(pattern.moduli(*shape.voxels))

@@ -55,7 +55,8 @@ def redesign_(options: argparse.Namespace) -> Outcome:
     pressure = float(quantity(options.pressure, "Pa", "--pressure"))
     with progress("film, calibration, redesign") as advance:
         loop = _closed(options, pressure, advance)
-    outcome = Outcome(_values(loop, pressure), list(_parts(loop, pressure)))
+    values = _values(loop, pressure)
+    outcome = Outcome(values, list(_parts(loop, values, pressure)))
     if options.out:
         _files(loop, Path(options.out), options, outcome)
     return outcome
@@ -71,21 +72,17 @@ def _closed(options: argparse.Namespace, pressure: float, advance: Callable[[flo
     scene = recorded_scene(source, options.scene, ("tube", "map"))
     film = Filmed(source, scene.tables.get("cameras", Cameras()))
     shape, pattern = scene.tables["tube"], scene.tables["map"]
-    angle = film.twist
-    load = film.pressure.at(angle.time_s)
-    good = np.isfinite(angle.value) & np.isfinite(load)
+    seen = film.seen
+    load, angle = seen.pairs()
     advance(0.1)
-    sigma = float(np.nanmedian(film.twist_sigma))
-    found = calibrated(
-        shape, pattern, load[good], angle.value[good], angle_sd=sigma, pressure_share=options.pressure_noise
-    )
+    found = calibrated(shape, pattern, load, angle, angle_sd=seen.sigma, pressure_share=options.pressure_noise)
     advance(0.6)
     made = redesign(shape, pattern, found.moduli, pressure)
     advance(0.95)
     stiff = made.before.chosen
     table_moduli = np.unique(made.case.truth)
     residuals = [
-        float(np.sqrt(np.mean((_curve(made, moduli[stiff], load[good]) - angle.value[good]) ** 2)))
+        float(np.sqrt(np.mean((_curve(made, moduli[stiff], load) - angle) ** 2)))
         for moduli in (table_moduli, found.moduli)
     ]
     return _Loop(film, scene, found, made, (residuals[0], residuals[1]))
@@ -137,9 +134,8 @@ def _values(loop: _Loop, pressure: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _parts(loop: _Loop, pressure: float) -> Any:
+def _parts(loop: _Loop, values: dict[str, Any], pressure: float) -> Any:
     film, made = loop.film, loop.redesign
-    values = _values(loop, pressure)
     for camera, clock in values["clocks"].items():
         yield (
             f"Camera {camera}: its clock {1e3 * clock['offset_s']:+.2f} ms, 95 % from {1e3 * clock['low_s']:.2f} to "
