@@ -15,7 +15,7 @@ from fem.inverse import Inversion
 
 HELIX = Pattern(pattern="helix", period=16, width=4)
 WANTED = Wanted(pressures=(60e3,), seen="all")
-NOISES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 3e-2, 1e-1)
+NOISES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
 BOUNDS = (0.05e6, 20e6)
 
 
@@ -69,7 +69,7 @@ def _newton(case: Case, tell: Told, quick: bool) -> None:
 def _descent(case: Case, tell: Told, quick: bool) -> None:
     from fem.descent import descend
 
-    options = Inversion(most_iterations=20 if quick else 40)
+    options = Inversion(most_iterations=16 if quick else 24)
     seed = case.seed(options)
     descend(case.voxels, case.observations, seed, case.variation, options, lambda i: tell(np.exp(i.log), i.seconds))
 
