@@ -1,8 +1,8 @@
 """Material constants of a printed actuator from its measured pressure and twist, with intervals.
 
 A handful of moduli, one for each group of voxels, by least squares on the twist curve. Both channels are
-noisy: a misfit's variance is the camera's plus the pressure's through the curve's slope (effective variance:
-Orear, Am. J. Phys. 50, 1982).
+noisy: each sample's true pressure is sought along with the moduli (orthogonal distance regression: Boggs, Byrd and
+Schnabel, SIAM J. Sci. Stat. Comput. 8, 1987). Weighing at the noisy pressures themselves would be biased.
 """
 
 from collections.abc import Callable
@@ -73,13 +73,16 @@ def calibrate(
         raise BadInput("calibration", f"{pressure.shape} pressures, {angle.shape} twists", "expected more than moduli")
     if not (angle_sd > 0 and pressure_share >= 0):
         raise BadInput("calibration, noise", f"is {angle_sd:g} rad", "expected above 0")
-    log = np.log(seed)
+    log, true = np.log(seed), pressure
     for number in range(1, MOST_STEPS + 1):
-        value, slope, by_log = curve(log).at(pressure)
-        weight = 1 / np.hypot(angle_sd, slope * pressure_share * pressure)
-        rows, misfit = by_log * weight[:, None], (angle - value) * weight
+        value, slope, by_log = curve(log).at(true)
+        by_pressure = slope * pressure_share * true  # standard deviation of the twist from that of the pressure
+        weight = 1 / np.hypot(angle_sd, by_pressure)
+        left = angle - value - slope * (pressure - true)
+        rows, misfit = by_log * weight[:, None], left * weight
         step = np.linalg.lstsq(rows, misfit, rcond=None)[0]
         log = log + step * min(1.0, 0.3 / float(np.abs(step).max() or 1.0))
+        true = pressure + (left - by_log @ step) * weight**2 * by_pressure * pressure_share * true
         if np.abs(step).max() < SETTLED:
             covariance: Array = np.asarray(np.linalg.inv(rows.T @ rows), dtype=np.float64)
             half = NORMAL_95 * np.sqrt(np.diag(covariance))
