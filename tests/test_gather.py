@@ -2,6 +2,7 @@
 
 import csv
 import json
+import time
 from pathlib import Path
 
 import pytest
@@ -65,3 +66,22 @@ def test_an_index_overwrites_nothing_unasked(tmp_path: Path, capsys) -> None:
     assert cli.run(["report", "all", "--quick", "--out", str(tmp_path)]) == 2
     assert "not overwritten" in capsys.readouterr().err
     assert cli.run(["report", "stability", "--recording", "x", "--out", str(tmp_path)]) == 2
+
+
+def test_a_timed_report_runs_alone_and_the_others_together(tmp_path: Path, monkeypatch) -> None:
+    running, most = list[str](), dict[str, int]()
+
+    def slow(job: Job, *_) -> gather.Made:
+        running.append(job.name)
+        time.sleep(0.1)
+        most[job.name] = len(running)
+        running.remove(job.name)
+        return gather.Made(job=job, rows=1, failures=(), seconds=0.1, why="", files=())
+
+    monkeypatch.setattr(gather, "_make", slow)
+    monkeypatch.setattr(gather.os, "cpu_count", lambda: 2)
+    jobs = [Job(name=name, kind="k", timed=name in "ace") for name in "abcdef"]
+    found = gather.gather(jobs, tmp_path, quick=False, progress=lambda _: None)
+    assert [made.job.name for made in found] == list("abcdef")
+    assert {name for name, count in most.items() if count == 1} >= set("ace")
+    assert max(most[name] for name in "bdf") == 2

@@ -26,10 +26,14 @@ HEADER = ("report", "kind", "rows", "failed", "seconds", "outcome")
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """One report to make: its name, what kind it is (the folder it goes to), further options of its command line."""
+    """One report to make: its name, what kind it is (the folder it goes to), further options of its command line.
+
+    timed: its seconds are a result, so that nothing else may run beside it.
+    """
 
     name: str
     kind: str
+    timed: bool = False
     options: tuple[str, ...] = ()
 
 
@@ -95,22 +99,25 @@ def _end(child: "subprocess.Popen[str]") -> None:
 def gather(jobs: Sequence[Job], folder: Path, *, quick: bool, progress: Progress) -> list[Made]:
     """Make every report into folder/KIND, and return what became of each, in the order of `jobs`.
 
-    quick: as many at once as there are cores, so that times are indicative; else one after another, undisturbed.
-    An interruption ends what runs, and is raised.
+    Those that are timed one after another, undisturbed; the others, and all when quick, as many at once as there
+    are cores, so that their times are indicative. An interruption ends what runs, and is raised.
     """
-    children, done = _Children(), 0
+    children = _Children()
     found: dict[str, Made] = {}
-    pool = ThreadPoolExecutor(os.cpu_count() or 1 if quick else 1)
-    try:
-        pending = [pool.submit(_make, job, folder, quick, children) for job in jobs]
-        for finished in as_completed(pending):
-            made = finished.result()
-            found[made.job.name] = made
-            done += 1
-            progress(done / len(jobs))
-    finally:
-        children.end()
-        pool.shutdown(cancel_futures=True)
+    alone = [job for job in jobs if job.timed and not quick]
+    together = [job for job in jobs if not job.timed or quick]
+    for some, workers in ((alone, 1), (together, os.cpu_count() or 1)):
+        pool = ThreadPoolExecutor(workers)
+        try:
+            for finished in as_completed([pool.submit(_make, job, folder, quick, children) for job in some]):
+                made = finished.result()
+                found[made.job.name] = made
+                progress(len(found) / len(jobs))
+        except BaseException:
+            children.end()
+            raise
+        finally:
+            pool.shutdown(cancel_futures=True)
     return [found[job.name] for job in jobs]
 
 

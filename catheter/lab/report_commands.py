@@ -47,6 +47,10 @@ STUDIES = {  # the module of each report; the function has its name, with "_" fo
 }
 
 WITH_PEERS = ("hydraulics", "fem")  # reports that can run other tools beside ours
+UNTIMED = (  # reports of accuracy, whose seconds are by the way: several may run at once
+    "materials", "directions", "shape-pictures", "inverse-spiral", "calibration", "identification", "sysid-recordings",
+    "camera-clock",
+)  # fmt: skip
 STABILITY = ("damage", "fuzz", "twist-stress")  # beside all that end with "-stability"
 THESIS = "thesis"
 GATHERED = {  # reports of reports, and the kinds they hold
@@ -61,6 +65,11 @@ def kind_of(name: str) -> str:
     if name == THESIS:
         return THESIS
     return "stability" if name.endswith("-stability") or name in STABILITY else "error-vs-time"
+
+
+def timed(name: str) -> bool:
+    """Say whether a report's seconds are a result, so that nothing else may run beside it."""
+    return kind_of(name) == "error-vs-time" and name not in UNTIMED
 
 
 def report_options(parser: argparse.ArgumentParser) -> None:
@@ -138,7 +147,7 @@ def _gathered(options: argparse.Namespace, folder: Path) -> Outcome:
         check_free(path, options.force) if folder.exists() else None
     with_peers = ("--peers",) if options.peers else ()
     jobs = [
-        gather.Job(name=name, kind=kind_of(name), options=with_peers if name in WITH_PEERS else ())
+        gather.Job(name=name, kind=kind_of(name), timed=timed(name), options=with_peers if name in WITH_PEERS else ())
         for name in (THESIS, *STUDIES)
         if kind_of(name) in GATHERED[options.name]
     ]
@@ -150,7 +159,8 @@ def _gathered(options: argparse.Namespace, folder: Path) -> Outcome:
     unexplained = [text for text in failed if text.endswith(gather.UNEXPLAINED)]
     notes = [f"{len(found) - len(missing)} of {len(found)} reports made. Rows that failed or were refused:"]
     notes += [*(f"- {text}" for text in failed), f"{len(failed)} in all, {len(unexplained)} of them unexplained."]
-    notes += ["Several ran at once: times are indicative."] if options.quick else []
+    several = "All" if options.quick else "Those of stability, of the thesis and of accuracy alone"
+    notes.append(f"{several} ran several at once: their times are indicative.")
     values = {
         "report": options.name,
         "files": [str(path) for path in written],
