@@ -13,7 +13,7 @@ ROWS = 6  # plots that stand under each other on the first page
 GRID = 12  # plots on each further page
 
 
-class _Pages(rrb.Tabs):
+class Pages(rrb.Tabs):
     """The dashboard's pages, and the range of time that all plots show until somebody zooms.
 
     Plots with a linked time axis take its range from a view of this fixed id (GLOBAL_VIEW_ID in
@@ -61,7 +61,7 @@ def blueprint(views: Views, kind: str, duration_s: float) -> rrb.Blueprint:
         name = view_name(f"further signals {number}", "", kind)
         pages.append(rrb.Grid(*views.signals[start : start + GRID], grid_columns=2, name=name))
     return rrb.Blueprint(
-        _Pages(*pages, duration_s=duration_s),
+        Pages(*pages, duration_s=duration_s),
         rrb.TimePanel(state="collapsed" if views.timed else "hidden", timeline=TIMELINE),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),

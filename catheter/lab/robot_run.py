@@ -1,0 +1,68 @@
+"""A walking robot as `run` shows it: gait, parts, end-effector, and what is published beside what is simulated."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from catheter.gait import Gait, walk
+from catheter.robot import Segment, layout, published
+from catheter.task import Task
+
+if TYPE_CHECKING:
+    from catheter.circuit import Circuit
+    from catheter.end_effector import Answer
+    from catheter.lab.scene import Scene
+
+EVENTS_S = {"tB": 0.03, "tC": 0.17, "tE": 1.02, "tF": 1.16}  # published, thesis Fig 3.13
+STROKE_MM = 28.0  # published, section 3.1.2
+MEASURED_MM, SPREAD_MM = 27.0, 4.0  # measured, section 3.1.2: 27 +- 4
+END = ("bender", "twister")
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A robot that walked: its gait, the cannula's task, segments from rear to front, end-effector (None: none)."""
+
+    title: str
+    gait: Gait
+    task: Task
+    segments: tuple[Segment, Segment, Segment]
+    bender: "Answer | None" = None
+    twister: "Answer | None" = None
+
+
+def walked(scene: "Scene", circuit: "Circuit", progress: Callable[[float], None]) -> Robot:
+    """Return a scene's robot, with its end-effector where the scene has one: that is solved here."""
+    tables = scene.tables
+    task, extender = tables.get("task") or Task(), tables["extender"]
+    gait = walk(circuit, tables["source"], tables["marks"], extender, tables.get("walk"))
+    found: dict[str, Answer] = {}
+    if "bender_line" in tables:
+        from catheter.end_effector import answer
+
+        for done, (name, what) in enumerate(zip(END, ("bending", "twist"), strict=True)):
+            options = (tables[name], tables[f"{name}_map"], tables[f"{name}_line"])
+            found[name] = answer(*options, gait.time_s, what, lambda share, done=done: progress((done + share) / 2))
+    spiral = task.design(*published())
+    return Robot(scene.heading.title, gait, task, layout(task, spiral, extender), **found)
+
+
+def notes(robot: Robot) -> list[str]:
+    """Return what a reader of the dashboard must know: where numbers are from, and what is drawn by convention."""
+    made, inferred = robot.gait.made, robot.gait.made.inferred
+    told = [
+        f"Extender {1e3 * made.extender.length:g} mm" + (f": {inferred}." if inferred else "."),
+        "No traction model: the front moves from B to C only (the thesis's stroke); what the extender gains or"
+        " loses while both spirals hold, or neither, is drawn as slip of the rear."
+        if made.stroke_m <= made.pull_m
+        else "No traction model: the rear moves from E to F only; the front takes up the rest as slip.",
+        "No contact model: free helices are wider than the cannula; their radius is cut to its room, length and"
+        " turns kept. Valves' lengths are drawn, not known.",
+    ]
+    if robot.bender is not None:
+        told.append(
+            "End-effector: printed tubes of chapter 6, quasi-static finite elements; bent in one arc, twisted evenly."
+            " The thesis prints no feed, place or angle for it: its pressure lines are ours. It works past the"
+            " cannula's mouth."
+        )
+    return told

@@ -1,0 +1,151 @@
+"""The dashboard of a walking robot: 3D in its cannula, side view, plots beside published values, notes."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from catheter.gait import advanced, phases
+from catheter.lab.robot_run import EVENTS_S, MEASURED_MM, SPREAD_MM, STROKE_MM, Robot, notes
+from catheter.lab.views.bodies import BEFORE_M, MM, log_bodies, placed
+from catheter.lab.views.clocks import TIMELINE, Clocks
+from catheter.lab.views.designs import PANELS
+from catheter.lab.views.labels import BEST, FRAME, MEASURED, MODELS, Colour, literal, view_name
+from catheter.lab.views.layout import Pages
+from catheter.lab.views.output import Output
+from catheter.lab.views.plots import Line, plot
+from data.recording import SIMULATED
+from data.signal import Array
+
+ACTS: tuple[Colour, ...] = (MODELS[2], MEASURED, MODELS[1])
+PUBLISHED: Colour = BEST
+
+
+def save_robot(robot: Robot, path: Path) -> None:
+    """Write the dashboard to `path`, replaced. Raises CannotWrite."""
+    ends = np.array([placed(robot, frame)[2] for frame in range(len(robot.gait.time_s))])
+    rear_m = min(float(placed(robot, frame)[0]["valve1"].line[0, 0]) for frame in range(len(ends))) - BEFORE_M
+    mouth_m = float(ends.max()) + BEFORE_M
+    if robot.bender is not None and robot.twister is not None:
+        mouth_m = float(ends[(robot.bender.pressure_pa > 0) | (robot.twister.pressure_pa > 0)].min())
+    clocks = Clocks()
+    plots = _plots(robot, clocks)
+    with Output("robot", path) as output:
+        stream = output.stream
+        clocks.send(output, lambda: None)
+        log_bodies(stream, robot, mouth_m, rear_m)
+        stream.log("/text", rr.TextDocument(_text(robot), media_type=rr.MediaType.MARKDOWN), static=True)
+        stream.send_recording_name(f"{SIMULATED}: {robot.title}")
+        stream.send_blueprint(_blueprint(robot, plots, (rear_m, mouth_m, float(ends.max()))))
+
+
+def moment_of_interest(robot: Robot) -> float:
+    """Return when the end-effector does most, or in the last cycle both spirals hold [s]: for a picture."""
+    gait = robot.gait
+    if robot.bender is not None:
+        return float(gait.time_s[int(np.argmax(robot.bender.pressure_pa))])
+    return float(gait.time_s[np.flatnonzero(gait.holds.all(axis=1))[-1]])
+
+
+def _plots(robot: Robot, clocks: Clocks) -> list[rrb.TimeSeriesView]:
+    gait = robot.gait
+    most = 1e6 * np.abs(gait.flow_m3_s).max(axis=0)
+    times = np.array(list(EVENTS_S.values()))
+    front = MM * (gait.front_m - gait.front_m[0])
+    flat = np.ones_like(gait.time_s)
+    acts = [(f"Act {k + 1}", gait.volume[:, k], ACTS[k]) for k in range(3)]
+    groups: dict[str, list[tuple[str, Array, Colour]]] = {
+        "pressure [kPa]": [
+            ("source", gait.source_pa / 1e3, FRAME),
+            *((f"Act {k + 1}", gait.pressure_pa[:, k] / 1e3, ACTS[k]) for k in range(3)),
+        ],
+        "volume [of rest]": [
+            ("holds", gait.marks.anchored * flat, FRAME),
+            ("touches", gait.marks.contact * flat, FRAME),
+            *acts,
+        ],
+        "valve flow [% of its largest]": [
+            (f"valve {k + 1}, {most[k]:.3g} mL/s", 1e8 * gait.flow_m3_s[:, k] / most[k], ACTS[k]) for k in range(3)
+        ],
+        "extender: +1 pushes, -1 pulls": [
+            ("published (Fig 3.13)", phases(gait, times), PUBLISHED),
+            ("simulated", phases(gait, np.array(list(vars(gait.happened).values()))), MEASURED),
+        ],
+        "front's advance [mm]": [
+            (f"measured {MEASURED_MM:g} +- {SPREAD_MM:g} a cycle", MM * advanced(gait, times, MEASURED_MM / MM), FRAME),
+            (f"predicted {STROKE_MM:g} a cycle", MM * advanced(gait, times, STROKE_MM / MM), PUBLISHED),
+            ("simulated", front, MEASURED),
+        ],
+    }
+    if robot.bender is not None and robot.twister is not None:
+        ends = (("bender", robot.bender, MODELS[0]), ("twister", robot.twister, MODELS[3]))
+        groups["end-effector [kPa]"] = [(name, one.pressure_pa / 1e3, colour) for name, one, colour in ends]
+        groups["end-effector [deg]"] = [(name, np.degrees(one.angle_rad), colour) for name, one, colour in ends]
+    groups["length of Act 2 [mm]"] = [("extender", MM * (gait.front_m - gait.rear_m), ACTS[1])]
+    return [
+        plot(
+            view_name(title, "", SIMULATED),
+            [Line(clocks.add(title.replace(" ", "_"), name, gait.time_s, values), name, colour) for name, values, colour in lines],
+        )
+        for title, lines in groups.items()
+    ]
+
+
+def _text(robot: Robot) -> str:
+    gait = robot.gait
+    rows = [
+        (name, f"{1e3 * found:.1f}", f"{1e3 * known:.0f}", "ms")
+        for (name, known), found in zip(EVENTS_S.items(), vars(gait.happened).values(), strict=True)
+    ]
+    rows.append(("push B-C", f"{MM * gait.made.stroke_m:.1f}", f"{STROKE_MM:g}, measured {MEASURED_MM:g} +- {SPREAD_MM:g}", "mm"))
+    rows.append(("pull E-F", f"{MM * gait.made.pull_m:.1f}", "-", "mm"))
+    lines = ["| | simulated | published | |", "|---|---:|---:|---|", *(f"| {' | '.join(row)} |" for row in rows)]
+    colours = "Spirals: grey free, orange touches, green holds. Valves: red fills, violet empties. Red line: third fibre."
+    told = [colours, *notes(robot)]
+    return "\n".join([f"**SIMULATED: {literal(robot.title)}**", "", *lines, "", *(f"- {literal(one, 600)}" for one in told)])
+
+
+def _blueprint(robot: Robot, plots: list[rrb.TimeSeriesView], span: tuple[float, float, float]) -> rrb.Blueprint:
+    """Return the page. span: where the drawn cannula begins and ends, and the front spiral's foremost end [m]."""
+    rear, mouth, end = (MM * x for x in span)
+    half = MM * robot.task.diameter / 2
+    ahead = 90.0 if robot.bender is not None else 0.0
+    bounds = rrb.VisualBounds2D(x_range=(rear - 5, max(mouth, end + ahead) + 5), y_range=(-half - 4, half + 16))
+    side = rrb.Spatial2DView(
+        name=view_name("robot in its cannula from the side, to scale", "", SIMULATED), origin="/side", visual_bounds=bounds
+    )
+    eye = rrb.EyeControls3D(
+        position=(end + 120, -170, 90), look_target=(end - 190, 0, -10), eye_up=(0, 0, 1)
+    )
+    views: list[rrb.View] = [
+        rrb.Spatial3DView(name=view_name("robot in its cannula", "", SIMULATED), origin="/world", eye_controls=eye, line_grid=False)
+    ]
+    if robot.bender is not None:
+        near = rrb.EyeControls3D(position=(70, -20, 95), look_target=(32, 5, 0), eye_up=(0, 1, 0))
+        views.append(
+            rrb.Spatial3DView(
+                name=view_name("end-effector", "", SIMULATED),
+                origin="/world/end",
+                contents="/world/**",
+                eye_controls=near,
+                line_grid=False,
+            )
+        )
+    text = rrb.TextDocumentView(name=view_name(robot.title, "", SIMULATED), origin="/text")
+    grid = rrb.Grid(*plots, grid_columns=4 if len(plots) > 6 else 3)
+    page = rrb.Vertical(
+        side,
+        rrb.Horizontal(*views, text, column_shares=[1.2, *[1.0] * len(views)]),
+        grid,
+        row_shares=[1.0, 3.6, 3.6],
+        name=view_name("robot", "", SIMULATED),
+    )
+    return rrb.Blueprint(
+        Pages(page, duration_s=float(robot.gait.time_s[-1])),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE),
+        *PANELS,
+        auto_layout=False,
+        auto_views=False,
+    )
