@@ -50,19 +50,17 @@ def walked(scene: "Scene", circuit: "Circuit", progress: Callable[[float], None]
 def notes(robot: Robot) -> list[str]:
     """Return what a reader of the dashboard must know: where numbers are from, and what is drawn by convention."""
     made, inferred = robot.gait.made, robot.gait.made.inferred
+    moves, other = ("front moves from B to C", "rear") if made.stroke_m <= made.pull_m else ("rear moves from E to F", "front")
     told = [
         f"Extender {1e3 * made.extender.length:g} mm" + (f": {inferred}." if inferred else "."),
-        "No traction model: the front moves from B to C only (the thesis's stroke); what the extender gains or"
-        " loses while both spirals hold, or neither, is drawn as slip of the rear."
-        if made.stroke_m <= made.pull_m
-        else "No traction model: the rear moves from E to F only; the front takes up the rest as slip.",
-        "No contact model: free helices are wider than the cannula; their radius is cut to its room, length and"
-        " turns kept. Valves' lengths are drawn, not known.",
+        f"No traction model: the {moves} only; what the extender gains or loses otherwise is drawn as slip of the"
+        f" {other}.",
+        "No contact model: free helices are wider than the cannula, and are cut to its room; length and turns kept."
+        " Lengths of valves are drawn.",
     ]
     if robot.bender is not None:
         told.append(
-            "End-effector: printed tubes of chapter 6, quasi-static finite elements; bent in one arc, twisted evenly."
-            " The thesis prints no feed, place or angle for it: its pressure lines are ours. It works past the"
-            " cannula's mouth."
+            "End-effector: printed tubes of chapter 6, quasi-static finite elements, drawn as an arc and an even twist."
+            " Their pressures are ours: the thesis prints no feed, place or angle."
         )
     return told

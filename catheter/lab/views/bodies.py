@@ -17,6 +17,7 @@ POINTS, SIDES = 145, 10  # of a spiral's drawn line, and around every tube
 BEFORE_M = 60e-3  # of cannula and tether, behind the robot's rearmost place
 FREE, TOUCHES, HOLDS = (200, 196, 184), BEST, MODELS[1]
 EXTENDER, BENDER, TWISTER, TIP = MEASURED, MODELS[0], MODELS[3], MARK
+NAMES = {"act1": "Act 1", "act2": "Act 2", "act3": "Act 3", "twister": "end-effector"}
 STRIPES = 4  # lines along the twister, which show its twist
 
 
@@ -69,9 +70,9 @@ def _state(gait: Gait, frame: int, index: int) -> Colour:
 
 
 def _flows(flow: Array, frame: int) -> Colour:
-    """Return a valve's colour: red while it fills what is ahead, blue while it empties it, grey at rest."""
+    """Return a valve's colour: red while it fills what is ahead, pink while it empties it, grey at rest."""
     share = flow[frame] / np.abs(flow).max()
-    return FRAME if abs(share) < 0.02 else MODELS[2] if share > 0 else MODELS[4]
+    return FRAME if abs(share) < 0.02 else MODELS[2] if share > 0 else MODELS[8]
 
 
 def _end_effector(robot: Robot, frame: int, start: float) -> dict[str, Placed]:
@@ -103,11 +104,11 @@ def log_bodies(stream: rr.RecordingStream, robot: Robot, mouth_m: float, rear_m:
             fibre = MM * (one.limiter + [parts[name].line[0, 0], 0, 0])
             stream.log(f"/world/robot/{name}/fibre", rr.LineStrips3D([fibre], colors=MARK, radii=0.35))
         if "twister" in parts:
-            _stripes(stream, parts["twister"], parts["tip"])
+            _stripes(stream, parts["twister"])
         stream.log("/world/end", rr.Transform3D(translation=[MM * end, 0, 0]))
         tether = MM * np.array([[rear_m, 0, 0], [parts["valve1"].line[0, 0], 0, 0]])
         stream.log("/world/robot/tether", rr.LineStrips3D([tether], colors=FRAME, radii=2.0))
-        _side(stream, parts, tether)
+        _side(stream, parts, tether, MM * robot.task.diameter / 2 + 3)
     stream.reset_time()
 
 
@@ -129,11 +130,9 @@ def _tube(stream: rr.RecordingStream, path: str, part: Placed, *, indices: bool)
     stream.log(path, moved)
 
 
-def _stripes(stream: rr.RecordingStream, twister: Placed, tip: Placed) -> None:
+def _stripes(stream: rr.RecordingStream, twister: Placed) -> None:
     surface = MM * swept(twister.line, 1.02 * twister.radius, STRIPES, twister.turn)[:STRIPES]
-    fin = MM * swept(tip.line, 2 * tip.radius, STRIPES, tip.turn)[:1]
-    strips = [*surface, np.concatenate([MM * tip.line[:1], fin[0], MM * tip.line[-1:]])]
-    stream.log("/world/robot/stripes", rr.LineStrips3D(strips, colors=TEXT, radii=0.4))
+    stream.log("/world/robot/stripes", rr.LineStrips3D(surface, colors=TEXT, radii=0.4))
 
 
 def _cannula(stream: rr.RecordingStream, robot: Robot, mouth_m: float, rear_m: float) -> None:
@@ -151,8 +150,12 @@ def _cannula(stream: rr.RecordingStream, robot: Robot, mouth_m: float, rear_m: f
     stream.log("/side/scale", scale, static=True)
 
 
-def _side(stream: rr.RecordingStream, parts: dict[str, Placed], tether: Array) -> None:
+def _side(stream: rr.RecordingStream, parts: dict[str, Placed], tether: Array, below: float) -> None:
     strips = [tether[:, :2] * [1, -1], *(MM * part.line[:, :2] * [1, -1] for part in parts.values())]
     colours = [GRID, *(part.colour for part in parts.values())]
     radii = [2.0, *(MM * part.radius for part in parts.values())]
     stream.log("/side/robot", rr.LineStrips2D(strips, colors=colours, radii=radii))
+    named = [(name, MM * part.line[:, 0].mean()) for name, part in parts.items() if name in NAMES]
+    places = [(x, below) for _, x in named]
+    labels = [NAMES[name] for name, _ in named]
+    stream.log("/side/names", rr.Points2D(places, labels=labels, show_labels=True, radii=1e-9, colors=TEXT))

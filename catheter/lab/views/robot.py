@@ -21,6 +21,9 @@ from data.signal import Array
 
 ACTS: tuple[Colour, ...] = (MODELS[2], MEASURED, MODELS[1])
 PUBLISHED: Colour = BEST
+ROOM = 0.16  # of a plot's values, above them, for each line of its legend
+Plots = tuple[list[rrb.TimeSeriesView], list[rrb.TimeSeriesView]]
+Groups = dict[str, list[tuple[str, Array, Colour]]]
 
 
 def save_robot(robot: Robot, path: Path) -> None:
@@ -49,48 +52,55 @@ def moment_of_interest(robot: Robot) -> float:
     return float(gait.time_s[np.flatnonzero(gait.holds.all(axis=1))[-1]])
 
 
-def _plots(robot: Robot, clocks: Clocks) -> list[rrb.TimeSeriesView]:
+def _plots(robot: Robot, clocks: Clocks) -> Plots:
+    """Return the plots of the first page and those of the second."""
     gait = robot.gait
     most = 1e6 * np.abs(gait.flow_m3_s).max(axis=0)
     times = np.array(list(EVENTS_S.values()))
-    front = MM * (gait.front_m - gait.front_m[0])
     flat = np.ones_like(gait.time_s)
-    acts = [(f"Act {k + 1}", gait.volume[:, k], ACTS[k]) for k in range(3)]
-    groups: dict[str, list[tuple[str, Array, Colour]]] = {
-        "pressure [kPa]": [
-            ("source", gait.source_pa / 1e3, FRAME),
-            *((f"Act {k + 1}", gait.pressure_pa[:, k] / 1e3, ACTS[k]) for k in range(3)),
-        ],
+    first: Groups = {
         "volume [of rest]": [
             ("holds", gait.marks.anchored * flat, FRAME),
             ("touches", gait.marks.contact * flat, FRAME),
-            *acts,
+            *((f"Act {k + 1}", gait.volume[:, k], ACTS[k]) for k in range(3)),
         ],
         "valve flow [% of its largest]": [
             (f"valve {k + 1}, {most[k]:.3g} mL/s", 1e8 * gait.flow_m3_s[:, k] / most[k], ACTS[k]) for k in range(3)
         ],
-        "extender: +1 pushes, -1 pulls": [
-            ("published (Fig 3.13)", phases(gait, times), PUBLISHED),
-            ("simulated", phases(gait, np.array(list(vars(gait.happened).values()))), MEASURED),
-        ],
         "front's advance [mm]": [
             (f"measured {MEASURED_MM:g} +- {SPREAD_MM:g} a cycle", MM * advanced(gait, times, MEASURED_MM / MM), FRAME),
             (f"predicted {STROKE_MM:g} a cycle", MM * advanced(gait, times, STROKE_MM / MM), PUBLISHED),
-            ("simulated", front, MEASURED),
+            ("simulated", MM * (gait.front_m - gait.front_m[0]), MEASURED),
         ],
+    }
+    second: Groups = {
+        "pressure [kPa]": [
+            ("source", gait.source_pa / 1e3, FRAME),
+            *((f"Act {k + 1}", gait.pressure_pa[:, k] / 1e3, ACTS[k]) for k in range(3)),
+        ],
+        "extender pushes +1, pulls -1": [
+            ("published (Fig 3.13)", phases(gait, times), PUBLISHED),
+            ("simulated", phases(gait, np.array(list(vars(gait.happened).values()))), MEASURED),
+        ],
+        "length of Act 2 [mm]": [("extender", MM * (gait.front_m - gait.rear_m), ACTS[1])],
     }
     if robot.bender is not None and robot.twister is not None:
         ends = (("bender", robot.bender, MODELS[0]), ("twister", robot.twister, MODELS[3]))
-        groups["end-effector [kPa]"] = [(name, one.pressure_pa / 1e3, colour) for name, one, colour in ends]
-        groups["end-effector [deg]"] = [(name, np.degrees(one.angle_rad), colour) for name, one, colour in ends]
-    groups["length of Act 2 [mm]"] = [("extender", MM * (gait.front_m - gait.rear_m), ACTS[1])]
-    return [
-        plot(
-            view_name(title, "", SIMULATED),
-            [Line(clocks.add(title.replace(" ", "_"), name, gait.time_s, values), name, colour) for name, values, colour in lines],
-        )
-        for title, lines in groups.items()
+        first["end-effector [deg]"] = [(name, np.degrees(one.angle_rad), colour) for name, one, colour in ends]
+        second["end-effector [kPa]"] = [(name, one.pressure_pa / 1e3, colour) for name, one, colour in ends]
+    return [_plotted(title, lines, gait.time_s, clocks) for title, lines in first.items()], [
+        _plotted(title, lines, gait.time_s, clocks) for title, lines in second.items()
     ]
+
+
+def _plotted(title: str, lines: list[tuple[str, Array, Colour]], time_s: Array, clocks: Clocks) -> rrb.TimeSeriesView:
+    """Return a plot with room above its lines for its legend."""
+    values = np.concatenate([values for _, values, _ in lines])
+    low, high = float(values.min()), float(values.max())
+    span = (low - 0.05 * (high - low), high + (0.05 + ROOM * (len(lines) if len(lines) > 1 else 0)) * (high - low))
+    group = title.replace(" ", "_")
+    drawn = [Line(clocks.add(group, name, time_s, column), name, colour) for name, column, colour in lines]
+    return plot(view_name(title, "", SIMULATED), drawn, span)
 
 
 def _text(robot: Robot) -> str:
@@ -102,12 +112,12 @@ def _text(robot: Robot) -> str:
     rows.append(("push B-C", f"{MM * gait.made.stroke_m:.1f}", f"{STROKE_MM:g}, measured {MEASURED_MM:g} +- {SPREAD_MM:g}", "mm"))
     rows.append(("pull E-F", f"{MM * gait.made.pull_m:.1f}", "-", "mm"))
     lines = ["| | simulated | published | |", "|---|---:|---:|---|", *(f"| {' | '.join(row)} |" for row in rows)]
-    colours = "Spirals: grey free, orange touches, green holds. Valves: red fills, violet empties. Red line: third fibre."
+    colours = "Spirals: green holds, orange touches. Valves: red fill, pink empty. Red line: third fibre."
     told = [colours, *notes(robot)]
     return "\n".join([f"**SIMULATED: {literal(robot.title)}**", "", *lines, "", *(f"- {literal(one, 600)}" for one in told)])
 
 
-def _blueprint(robot: Robot, plots: list[rrb.TimeSeriesView], span: tuple[float, float, float]) -> rrb.Blueprint:
+def _blueprint(robot: Robot, plots: Plots, span: tuple[float, float, float]) -> rrb.Blueprint:
     """Return the page. span: where the drawn cannula begins and ends, and the front spiral's foremost end [m]."""
     rear, mouth, end = (MM * x for x in span)
     half = MM * robot.task.diameter / 2
@@ -117,7 +127,7 @@ def _blueprint(robot: Robot, plots: list[rrb.TimeSeriesView], span: tuple[float,
         name=view_name("robot in its cannula from the side, to scale", "", SIMULATED), origin="/side", visual_bounds=bounds
     )
     eye = rrb.EyeControls3D(
-        position=(end + 120, -170, 90), look_target=(end - 190, 0, -10), eye_up=(0, 0, 1)
+        position=(end + 125, -75, 55), look_target=(end - 60, 3, -8), eye_up=(0, 0, 1)
     )
     views: list[rrb.View] = [
         rrb.Spatial3DView(name=view_name("robot in its cannula", "", SIMULATED), origin="/world", eye_controls=eye, line_grid=False)
@@ -134,16 +144,16 @@ def _blueprint(robot: Robot, plots: list[rrb.TimeSeriesView], span: tuple[float,
             )
         )
     text = rrb.TextDocumentView(name=view_name(robot.title, "", SIMULATED), origin="/text")
-    grid = rrb.Grid(*plots, grid_columns=4 if len(plots) > 6 else 3)
     page = rrb.Vertical(
         side,
-        rrb.Horizontal(*views, text, column_shares=[1.2, *[1.0] * len(views)]),
-        grid,
-        row_shares=[1.0, 3.6, 3.6],
+        rrb.Horizontal(*views, text, column_shares=[*[1.0] * len(views), 1.15]),
+        rrb.Horizontal(*plots[0]),
+        row_shares=[1.05, 4.0, 3.2],
         name=view_name("robot", "", SIMULATED),
     )
+    further = rrb.Grid(*plots[1], grid_columns=2, name=view_name("pressures and phases", "", SIMULATED))
     return rrb.Blueprint(
-        Pages(page, duration_s=float(robot.gait.time_s[-1])),
+        Pages(page, further, duration_s=float(robot.gait.time_s[-1])),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE),
         *PANELS,
         auto_layout=False,
