@@ -15,6 +15,8 @@ from data.errors import BadInput
 from data.options import option
 from data.signal import Array
 
+FINENESS = Fineness(first=6, tolerance=2e-3)  # a tenth of a degree: finer than a picture shows
+
 
 @dataclass(frozen=True, kw_only=True)
 class Line:
@@ -30,35 +32,37 @@ class Line:
         return np.asarray(self.most * (1 - np.cos(turn)) / 2)
 
 
+@dataclass(frozen=True, kw_only=True)
+class End:
+    """One tube of the end-effector: its shape and voxel map, its line, and which angle of it counts."""
+
+    shape: Shape
+    pattern: Pattern
+    line: Line
+    what: str = option(choices=("bending", "twist"))
+
+
 @dataclass(frozen=True, eq=False)
 class Answer:
     """What one tube does over n frames: pressure_pa, angle_rad (n,), its length_m (n,), and its solved curve."""
 
-    shape: Shape
-    pattern: Pattern
+    end: End
     pressure_pa: Array
     angle_rad: Array
     length_m: Array
     curve: Response
 
 
-def answer(
-    shape: Shape,
-    pattern: Pattern,
-    line: Line,
-    time_s: Array,
-    what: str,
-    progress: Callable[[float], None] | None = None,
-) -> Answer:
-    """Return a tube's angle ("bending" or "twist") at the line's pressures, quasi-static.
+def answer(end: End, time_s: Array, progress: Callable[[float], None] | None = None) -> Answer:
+    """Return a tube's angle at its line's pressures at times (n,) [s], quasi-static.
 
     Equilibria up to the largest pressure, a spline between them. Raises as `respond`, and BadInput for a line
     without pressure.
     """
-    pressure = line.at(time_s)
+    pressure = end.line.at(time_s)
     most = float(pressure.max())
     if not most > 0:
         raise BadInput("end-effector", f"its line gives {most:g} Pa within the walk", "begin earlier, or walk longer")
-    curve = respond(build(shape, pattern, Path()), 0.0, most, Fineness(first=6, tolerance=2e-3), progress)
-    length = shape.length + curve.at(pressure, "extension")
-    return Answer(shape, pattern, pressure, curve.at(pressure, what), np.asarray(length), curve)
+    curve = respond(build(end.shape, end.pattern, Path()), 0.0, most, FINENESS, progress)
+    length = end.shape.length + curve.at(pressure, "extension")
+    return Answer(end, pressure, curve.at(pressure, end.what), np.asarray(length), curve)

@@ -106,7 +106,8 @@ def _frames(source: SquareWave, times: Array, count: int) -> Array:
     quick = SUDDEN_S * source.period / 2 * np.linspace(0, 1, count // 3) ** 2
     starts = (0.0, source.duty * source.period)
     even = np.linspace(0, source.period, count - 2 * len(quick), endpoint=False)
-    found = np.unique(np.concatenate([even, times, *(start + quick for start in starts)]).round(6))
+    before = np.array([starts[1], source.period]) - 1e-5 * source.period  # plots draw straight lines between frames
+    found = np.unique(np.concatenate([even, times, before, *(start + quick for start in starts)]).round(6))
     return np.asarray(found[found < source.period])
 
 

@@ -38,7 +38,7 @@ def spiral(task: Task, segment: Segment, volume_ratio: float, points: int = 241)
     assert segment.gamma is not None
     pair = inflate(segment.alpha, segment.beta, volume_ratio)
     helix = task.helix(pair, np.asarray(segment.gamma))
-    outer = outer_radius(task, pair)
+    outer = float(outer_radius(task, pair))
     share = np.linspace(0.0, 1.0, points)
     bends = helix.state == HelixState.VALID
     reach = float((helix.length_ratio if bends else pair.axial) * segment.length)
@@ -54,7 +54,7 @@ def spiral(task: Task, segment: Segment, volume_ratio: float, points: int = 241)
 
 
 def arc(length: float, angle: float, points: int = 33) -> Array:
-    """Return the centre line (n, 3) of a tube that bends by `angle` [rad] in one circular arc towards +y, from x = 0."""
+    """Return the centre line (n, 3) of a tube bent by `angle` [rad] in one arc towards +y, from x = 0."""
     share = np.linspace(0.0, 1.0, points)
     if abs(angle) < 1e-9:
         return np.stack([length * share, 0 * share, 0 * share], axis=-1)

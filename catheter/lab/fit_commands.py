@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from catheter.lab.dashboard import check_view, save_view, view_options
 from catheter.lab.fit_bender import Fitted, bender, replayed
 from catheter.lab.fit_material import check_material, fit_tests, material_options
 from catheter.lab.outcome import Outcome, progress, table
@@ -29,7 +30,7 @@ def fit_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rule", choices=("1 %", "AICc", "BIC"), default="1 %", help="bender: what picks the terms")
     parser.add_argument("--signed", action="store_true", help="bender: weights of any sign (default: none negative)")
     parser.add_argument("--resamples", type=int, default=400, help="bender, material: resamples (default 400)")
-    parser.add_argument("--view", metavar="FILE.rrd", help="bender: also write a dashboard for rerun")
+    view_options(parser, "bender, valve, cracking")
     parser.add_argument("--validate", metavar="FILE.mcap", help="bender: judge the model on this recording too")
     parser.add_argument("--rest-volume", metavar="VOLUME", help="accumulator: such as '20 mL'")
     parser.add_argument("--target", metavar="K", help="valve: the coefficient wanted, '3.05e-7 m^3 Pa^-0.5 s^-1'")
@@ -40,10 +41,15 @@ def fit_(options: argparse.Namespace) -> Outcome:
     """Fit a model to a recording."""
     source = Path(options.recording)
     out = Path(options.out) if options.out else None
-    for path in (Path(name) for name in (options.out, options.view, options.picture) if name):
-        check_inputs(path, source)
-        check_free(path, options.force)
+    if out:
+        check_inputs(out, source)
+        check_free(out, options.force)
+    drawn = check_view(options, source)
     check_material(options)
+    if drawn and options.model not in DRAWN:
+        raise BadInput(
+            f"a {options.model} model", "has no dashboard", f"replay the recording, or fit {' or '.join(DRAWN)}"
+        )
     if options.model == "material":
         kind = options.origin or UNSTATED
         fitted = fit_tests(source, kind, options)
@@ -58,8 +64,12 @@ def fit_(options: argparse.Namespace) -> Outcome:
             temporary.write_text(to_toml(tables), encoding="utf-8")
         how = f'a tube scene names it: soft = "{out}"' if options.model == "material" else f'include = ["{out.name}"]'
         parts.append(f"{out} written; a scene reads it with: {how}")
-    values = {**origin, "out": str(out) if out else None, **fitted.values, "toml": tables}
-    return Outcome(values, parts)
+    outcome = Outcome({**origin, "out": str(out) if out else None, **fitted.values, "toml": tables}, parts)
+    if drawn and options.model != "material":
+        if fitted.dashboard is None:
+            raise BadInput(source, "is too long for a dashboard", "fit a window of it, or leave --view out")
+        save_view(outcome, options, fitted.dashboard)
+    return outcome
 
 
 def accumulator(recording: Recording, options: argparse.Namespace) -> Fitted:
@@ -176,3 +186,4 @@ MODELS = {
     "cracking": cracking,
     "hysteresis": hysteresis,
 }
+DRAWN = ("bender", "valve", "cracking", "material")

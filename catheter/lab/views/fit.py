@@ -10,6 +10,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from catheter.lab.views.clocks import TIMELINE, stamps
+from catheter.lab.views.designs import PANELS
 from catheter.lab.views.labels import BEST, MEASURED, MODELS, Colour, view_name
 from catheter.lab.views.output import Output
 from data.signal import Array
@@ -18,7 +20,6 @@ if TYPE_CHECKING:
     from sysid.identify import Identification
 
 MOST_POINTS = 30_000
-TIME = "time"
 
 
 def save(found: "Identification", time_s: Array, x: Array, kind: str, path: Path) -> None:
@@ -26,14 +27,18 @@ def save(found: "Identification", time_s: Array, x: Array, kind: str, path: Path
     with Output("fit", path) as output:
         stream = output.stream
         views = [*_series(stream, found, time_s[found.used], kind), *_drawings(stream, found, time_s, x, kind)]
-        stream.send_blueprint(rrb.Blueprint(rrb.Grid(*views, grid_columns=2), collapse_panels=True))
+        stream.send_blueprint(
+            rrb.Blueprint(
+                rrb.Grid(*views, grid_columns=2), rrb.TimePanel(state="collapsed", timeline=TIMELINE), *PANELS
+            )
+        )
 
 
 def _line(stream: rr.RecordingStream, path: str, time_s: Array, values: Array, look: tuple[Colour, str]) -> None:
     stride = max(1, len(time_s) // MOST_POINTS)
     colour, name = look
     stream.log(path, rr.SeriesLines(names=name, colors=colour), static=True)
-    times = rr.TimeColumn(TIME, duration=time_s[::stride])
+    times = stamps(time_s[::stride])
     stream.send_columns(path, [times], rr.Scalars.columns(scalars=values[::stride]))
 
 

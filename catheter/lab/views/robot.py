@@ -1,6 +1,5 @@
 """The dashboard of a walking robot: 3D in its cannula, side view, plots beside published values, notes."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,7 @@ import rerun.blueprint as rrb
 
 from catheter.gait import advanced, phases
 from catheter.lab.robot_run import EVENTS_S, MEASURED_MM, SPREAD_MM, STROKE_MM, Robot, notes
-from catheter.lab.views.bodies import BEFORE_M, MM, log_bodies, placed
+from catheter.lab.views.bodies import BEFORE_M, MM, framed, log_bodies
 from catheter.lab.views.clocks import TIMELINE, Clocks
 from catheter.lab.views.designs import PANELS
 from catheter.lab.views.labels import BEST, FRAME, MEASURED, MODELS, Colour, literal, view_name
@@ -22,34 +21,35 @@ from data.signal import Array
 ACTS: tuple[Colour, ...] = (MODELS[2], MEASURED, MODELS[1])
 PUBLISHED: Colour = BEST
 ROOM = 0.16  # of a plot's values, above them, for each line of its legend
+Point = tuple[float, float, float]
 Plots = tuple[list[rrb.TimeSeriesView], list[rrb.TimeSeriesView]]
 Groups = dict[str, list[tuple[str, Array, Colour]]]
 
 
 def save_robot(robot: Robot, path: Path) -> None:
     """Write the dashboard to `path`, replaced. Raises CannotWrite."""
-    ends = np.array([placed(robot, frame)[2] for frame in range(len(robot.gait.time_s))])
-    rear_m = min(float(placed(robot, frame)[0]["valve1"].line[0, 0]) for frame in range(len(ends))) - BEFORE_M
-    mouth_m = float(ends.max()) + BEFORE_M
-    if robot.bender is not None and robot.twister is not None:
-        mouth_m = float(ends[(robot.bender.pressure_pa > 0) | (robot.twister.pressure_pa > 0)].min())
+    frames = [framed(robot, number) for number in range(len(robot.gait.time_s))]
+    ends = np.array([frame.end_m for frame in frames])
+    works = np.any([one.pressure_pa > 0 for one in robot.ends.values()], axis=0)
+    mouth_m = float(ends[works].min()) if robot.ends else float(ends.max()) + BEFORE_M
+    span_m = min(frame.tether_m for frame in frames) - BEFORE_M, mouth_m
     clocks = Clocks()
     plots = _plots(robot, clocks)
     with Output("robot", path) as output:
         stream = output.stream
         clocks.send(output, lambda: None)
-        log_bodies(stream, robot, mouth_m, rear_m)
+        log_bodies(stream, robot, frames, span_m)
         stream.log("/text", rr.TextDocument(_text(robot), media_type=rr.MediaType.MARKDOWN), static=True)
         stream.send_recording_name(f"{SIMULATED}: {robot.title}")
-        stream.send_blueprint(_blueprint(robot, plots, (rear_m, mouth_m, float(ends.max()))))
+        stream.send_blueprint(_blueprint(robot, plots, (*span_m, float(ends.max()))))
 
 
 def moment_of_interest(robot: Robot) -> float:
-    """Return when the end-effector does most, or in the last cycle both spirals hold [s]: for a picture."""
-    gait = robot.gait
-    if robot.bender is not None:
-        return float(gait.time_s[int(np.argmax(robot.bender.pressure_pa))])
-    return float(gait.time_s[np.flatnonzero(gait.holds.all(axis=1))[-1]])
+    """Return when to look, for a picture [s]: when the bender bends most, or the front spiral is fullest, at last."""
+    if robot.ends:
+        return float(robot.gait.time_s[int(np.argmax(robot.ends["bender"].pressure_pa))])
+    volume = robot.gait.volume[:, 2]
+    return float(robot.gait.time_s[np.flatnonzero(volume == volume.max())[-1]])
 
 
 def _plots(robot: Robot, clocks: Clocks) -> Plots:
@@ -84,8 +84,8 @@ def _plots(robot: Robot, clocks: Clocks) -> Plots:
         ],
         "length of Act 2 [mm]": [("extender", MM * (gait.front_m - gait.rear_m), ACTS[1])],
     }
-    if robot.bender is not None and robot.twister is not None:
-        ends = (("bender", robot.bender, MODELS[0]), ("twister", robot.twister, MODELS[3]))
+    if robot.ends:
+        ends = [(name, robot.ends[name], colour) for name, colour in (("bender", MODELS[0]), ("twister", MODELS[3]))]
         first["end-effector [deg]"] = [(name, np.degrees(one.angle_rad), colour) for name, one, colour in ends]
         second["end-effector [kPa]"] = [(name, one.pressure_pa / 1e3, colour) for name, one, colour in ends]
     return [_plotted(title, lines, gait.time_s, clocks) for title, lines in first.items()], [
@@ -109,40 +109,31 @@ def _text(robot: Robot) -> str:
         (name, f"{1e3 * found:.1f}", f"{1e3 * known:.0f}", "ms")
         for (name, known), found in zip(EVENTS_S.items(), vars(gait.happened).values(), strict=True)
     ]
-    rows.append(("push B-C", f"{MM * gait.made.stroke_m:.1f}", f"{STROKE_MM:g}, measured {MEASURED_MM:g} +- {SPREAD_MM:g}", "mm"))
+    published = f"{STROKE_MM:g}, measured {MEASURED_MM:g} +- {SPREAD_MM:g}"
+    rows.append(("push B-C", f"{MM * gait.made.stroke_m:.1f}", published, "mm"))
     rows.append(("pull E-F", f"{MM * gait.made.pull_m:.1f}", "-", "mm"))
-    lines = ["| | simulated | published | |", "|---|---:|---:|---|", *(f"| {' | '.join(row)} |" for row in rows)]
+    lines = ["| | simulated | published | |", "|---|---:|---:|---|", *(f"| {' | '.join(row)} |" for row in rows), ""]
     colours = "Spirals: green holds, orange touches. Valves: red fill, pink empty. Red line: third fibre."
-    told = [colours, *notes(robot)]
-    return "\n".join([f"**SIMULATED: {literal(robot.title)}**", "", *lines, "", *(f"- {literal(one, 600)}" for one in told)])
+    return "\n".join([*lines, *(f"- {literal(one, 600)}" for one in (colours, *notes(robot)))])
 
 
 def _blueprint(robot: Robot, plots: Plots, span: tuple[float, float, float]) -> rrb.Blueprint:
     """Return the page. span: where the drawn cannula begins and ends, and the front spiral's foremost end [m]."""
     rear, mouth, end = (MM * x for x in span)
     half = MM * robot.task.diameter / 2
-    ahead = 90.0 if robot.bender is not None else 0.0
+    ahead = 90.0 if robot.ends else 0.0
     bounds = rrb.VisualBounds2D(x_range=(rear - 5, max(mouth, end + ahead) + 5), y_range=(-half - 4, half + 16))
     side = rrb.Spatial2DView(
-        name=view_name("robot in its cannula from the side, to scale", "", SIMULATED), origin="/side", visual_bounds=bounds
+        name=view_name("robot in its cannula from the side, to scale", "", SIMULATED),
+        origin="/side",
+        visual_bounds=bounds,
     )
-    eye = rrb.EyeControls3D(
-        position=(end + 125, -75, 55), look_target=(end - 60, 3, -8), eye_up=(0, 0, 1)
-    )
-    views: list[rrb.View] = [
-        rrb.Spatial3DView(name=view_name("robot in its cannula", "", SIMULATED), origin="/world", eye_controls=eye, line_grid=False)
-    ]
-    if robot.bender is not None:
-        near = rrb.EyeControls3D(position=(70, -20, 95), look_target=(32, 5, 0), eye_up=(0, 1, 0))
-        views.append(
-            rrb.Spatial3DView(
-                name=view_name("end-effector", "", SIMULATED),
-                origin="/world/end",
-                contents="/world/**",
-                eye_controls=near,
-                line_grid=False,
-            )
-        )
+    eye, target = (end + 95, -62, 44), (end - 60, 3, -8)
+    if not robot.ends:
+        eye, target = (end + 20, -105, 55), (end - 160, 20, -15)
+    views: list[rrb.View] = [_solid("robot in its cannula", "/world", eye, target)]
+    if robot.ends:
+        views.append(_solid("end-effector", "/world/end", (70, -20, 95), (32, 5, 0)))
     text = rrb.TextDocumentView(name=view_name(robot.title, "", SIMULATED), origin="/text")
     page = rrb.Vertical(
         side,
@@ -159,3 +150,10 @@ def _blueprint(robot: Robot, plots: Plots, span: tuple[float, float, float]) -> 
         auto_layout=False,
         auto_views=False,
     )
+
+
+def _solid(title: str, origin: str, eye: Point, target: Point) -> rrb.Spatial3DView:
+    """Return a 3D view of everything, which moves with `origin`; eye and target in mm from there."""
+    look = rrb.EyeControls3D(position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0))
+    name = view_name(title, "", SIMULATED)
+    return rrb.Spatial3DView(name=name, origin=origin, contents="/world/**", eye_controls=look, line_grid=False)
