@@ -54,7 +54,7 @@ def save_picture(
     import cv2
 
     try:
-        png.write_bytes(cv2.imencode(".png", pixels)[1].tobytes())
+        png.write_bytes(cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 6])[1].tobytes())
     except OSError as error:
         raise cannot_write(png, error) from error
 

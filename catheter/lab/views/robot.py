@@ -99,7 +99,7 @@ def _plotted(title: str, lines: list[tuple[str, Array, Colour]], time_s: Array, 
     low, high = float(values.min()), float(values.max())
     span = (low - 0.05 * (high - low), high + (0.05 + ROOM * (len(lines) if len(lines) > 1 else 0)) * (high - low))
     group = title.replace(" ", "_")
-    drawn = [Line(clocks.add(group, name, time_s, column), name, colour) for name, column, colour in lines]
+    drawn = [Line(clocks.add(group, name, time_s, column), name, colour, exact=True) for name, column, colour in lines]
     return plot(view_name(title, "", SIMULATED), drawn, span)
 
 
@@ -133,7 +133,7 @@ def _blueprint(robot: Robot, plots: Plots, span: tuple[float, float, float]) -> 
         eye, target = (end + 20, -105, 55), (end - 160, 20, -15)
     views: list[rrb.View] = [_solid("robot in its cannula", "/world", eye, target)]
     if robot.ends:
-        views.append(_solid("end-effector", "/world/end", (70, -20, 95), (32, 5, 0)))
+        views.append(_solid("end-effector", "/world/end", (70, -20, 95), (32, 5, 0), (0.0, 1.0, 0.0)))
     text = rrb.TextDocumentView(name=view_name(robot.title, "", SIMULATED), origin="/text")
     page = rrb.Vertical(
         side,
@@ -152,8 +152,8 @@ def _blueprint(robot: Robot, plots: Plots, span: tuple[float, float, float]) -> 
     )
 
 
-def _solid(title: str, origin: str, eye: Point, target: Point) -> rrb.Spatial3DView:
+def _solid(title: str, origin: str, eye: Point, target: Point, up: Point = (0.0, 0.0, 1.0)) -> rrb.Spatial3DView:
     """Return a 3D view of everything, which moves with `origin`; eye and target in mm from there."""
-    look = rrb.EyeControls3D(position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0))
+    look = rrb.EyeControls3D(position=eye, look_target=target, eye_up=up)
     name = view_name(title, "", SIMULATED)
     return rrb.Spatial3DView(name=name, origin=origin, contents="/world/**", eye_controls=look, line_grid=False)
