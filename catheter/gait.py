@@ -33,13 +33,15 @@ class Walk:
 
 @dataclass(frozen=True, eq=False)
 class Gait:
-    """n frames: time_s, source_pa (n,); volume (V/V_rest), pressure_pa, flow_m3_s (n, 3) of Act 1 to 3, valve 1 to 3.
+    """n frames of Act 1 to 3 and of valves 1 to 3.
 
+    time_s, within_s (of the cycle), source_pa (n,); volume (V/V_rest), pressure_pa, flow_m3_s (n, 3).
     rear_m, front_m (n,): the extender's ends, the rear one at 0 at first. holds (n, 2): whether the rear and
     the front spiral hold. happened and made: events and stroke of one cycle; advance_m: what a cycle gains.
     """
 
     time_s: Array
+    within_s: Array
     source_pa: Array
     volume: Array
     pressure_pa: Array
@@ -87,6 +89,7 @@ def walk(circuit: Circuit, source: SquareWave, marks: Marks, extender: Extender,
     advance = cycle * min(made.stroke_m, made.pull_m)
     return Gait(
         time_s=time_s,
+        within_s=tiled,
         source_pa=source.drive().at(tiled),
         volume=state,
         pressure_pa=run.pressure_pa(tiled),
@@ -107,8 +110,9 @@ def _frames(source: SquareWave, times: Array, count: int) -> Array:
     starts = (0.0, source.duty * source.period)
     even = np.linspace(0, source.period, count - 2 * len(quick), endpoint=False)
     before = np.array([starts[1], source.period]) - 1e-5 * source.period  # plots draw straight lines between frames
-    found = np.unique(np.concatenate([even, times, before, *(start + quick for start in starts)]).round(6))
-    return np.asarray(found[found < source.period])
+    found = np.unique(np.concatenate([even, times, before, *(start + quick for start in starts)]))
+    apart = np.append(True, np.diff(found) > 1e-9 * source.period)
+    return np.asarray(found[apart & (found < source.period)])
 
 
 def _places(time_s: Array, length: Array, times: Array, made: Stroke) -> tuple[Array, Array]:
@@ -127,11 +131,10 @@ def _within(time_s: Array, first: float, last: float) -> Array:
 
 def phases(gait: Gait, times: Array) -> Array:
     """Return +1 where the extender pushes, from B to C of `times` (4,) [s], -1 where it pulls, from E to F, else 0."""
-    within = gait.time_s % gait.period_s
-    return _within(within, *times[:2]) * 1.0 - _within(within, *times[2:])
+    return _within(gait.within_s, *times[:2]) * 1.0 - _within(gait.within_s, *times[2:])
 
 
 def advanced(gait: Gait, times: Array, step_m: float) -> Array:
     """Return how far a robot has got that moves `step_m` in each cycle, evenly between `times` B and C (2,) [s]."""
-    cycle, within = np.divmod(gait.time_s, gait.period_s)
-    return np.asarray(step_m * (cycle + np.clip((within - times[0]) / (times[1] - times[0]), 0, 1)))
+    cycle = np.rint((gait.time_s - gait.within_s) / gait.period_s)
+    return np.asarray(step_m * (cycle + np.clip((gait.within_s - times[0]) / (times[1] - times[0]), 0, 1)))

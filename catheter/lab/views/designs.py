@@ -38,7 +38,7 @@ def save_free(task: Task, spiral: Design, path: Path) -> None:
         stream.log("/cost", tensor, static=True)
         corners = np.array([(0.0, -1, -1), (np.sign(spiral.pitch_m) * spiral.length_ratio * task.length, 1, 1)])
         corners[:, 1:] *= 2 * spiral.radius_m
-        eye = eye_on(corners, (0.3, -1.0, 0.35))
+        eye = eye_on(corners, (0.7, -0.8, 0.4))
         views = [
             rrb.Spatial3DView(
                 name="simulated spiral over volume ratio", origin="/spiral", eye_controls=eye, line_grid=False
