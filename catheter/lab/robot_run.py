@@ -62,7 +62,8 @@ def notes(robot: Robot) -> list[str]:
         f"Extender {1e3 * made.extender.length:g} mm" + (f": {inferred}." if inferred else "."),
         f"No traction model: the {moves} only; what the extender gains or loses otherwise is drawn as slip of the"
         f" {other}.",
-        "No contact model: free helices are wider than the cannula, and are cut to its room; length and turns kept."
+        "No contact model: free helices are wider than the cannula; their radius is cut to its room, reach and turns"
+        " kept, the arc not."
         " Lengths of valves are drawn.",
     ]
     if robot.ends:

@@ -134,7 +134,11 @@ def _measure(
     kept.resumed = len(kept.found)
     with ExitStack() as stack:
         advance = stack.enter_context(progress("twist"))
-        overlay = _overlay(source, view, force, stack)
+        overlay: TwistView | None = None
+        if view:
+            from catheter.lab.views import twist as shown
+
+            overlay = stack.enter_context(shown.TwistView(view, source, replace=force))
         file = None
         if partial:
             try:
@@ -177,14 +181,6 @@ def _resume(partial: Path | None, head: dict[str, Any]) -> list[Row]:
     if found:
         partial.write_text(whole, "utf-8")
     return found
-
-
-def _overlay(source: Source, view: Path | None, force: bool, stack: ExitStack) -> "TwistView | None":
-    if view is None:
-        return None
-    from catheter.lab.views.twist import TwistView
-
-    return stack.enter_context(TwistView(view, source, replace=force))
 
 
 def _shown(frames: Iterable[Frame], overlay: "TwistView | None") -> Iterator[Frame]:

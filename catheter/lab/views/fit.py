@@ -59,7 +59,7 @@ def _plots(found: "Identification", time_s: Array, kind: str, clocks: Clocks) ->
     ]
     groups: dict[str, list[tuple[str, Array, Colour]]] = {
         "response and model": [(kind, found.response, MEASURED), ("model", found.response - found.residual, BEST)],
-        "residual, measured minus model": [("residual", found.residual, BEST)],
+        "residual, data minus model": [("residual", found.residual, BEST)],
         "cumulative error when a term is dropped": terms,
     }
     kept = slice(None, None, max(1, len(time_s) // MOST_POINTS))
