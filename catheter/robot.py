@@ -98,9 +98,14 @@ def contact(task: Task, spiral: Design, points: int = 2001) -> Contact:
     helix = bend(pair, spiral.gamma_rad, radius=task.radius, length=task.length, torsion=task.torsion)
     good = (helix.state == HelixState.VALID) | (volume <= 1.0)
     centre = np.where(good, helix.radius_m, np.nan)
-    outer = np.sqrt((task.radius * pair.radial) ** 2 + _wall_area(task) / pair.axial)
+    outer = outer_radius(task, pair)
     half = task.diameter / 2
     return Contact(wall=_first(volume, centre + outer - half), centre_line=_first(volume, centre - half))
+
+
+def outer_radius(task: Task, pair: Stretches) -> Array:
+    """Return the outer radius [m] of a filled tube, of the shape of the pair's states."""
+    return np.asarray(np.sqrt((task.radius * pair.radial) ** 2 + _wall_area(task) / pair.axial))
 
 
 def _wall_area(task: Task) -> float:

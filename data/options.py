@@ -151,7 +151,7 @@ def _check(value: Any, metadata: Mapping[str, Any], place: str) -> None:
 
 
 def to_toml(tables: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return TOML text of tables of texts, numbers, booleans and lists of these; floats keep every digit."""
+    """Return TOML text of tables of texts, numbers, booleans, lists and tables of these; floats keep every digit."""
     lines = []
     for name, table in tables.items():
         lines += [f"[{name}]", *(f"{key} = {_toml(value)}" for key, value in table.items()), ""]
@@ -165,4 +165,6 @@ def _toml(value: Any) -> str:
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(_toml, value)) + "]"
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key} = {_toml(one)}" for key, one in value.items()) + "}"
     return repr(float(value)) if isinstance(value, float) else str(value)

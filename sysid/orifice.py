@@ -75,6 +75,49 @@ def low_pass(value: Array, rate_hz: float, cutoff_hz: float, order: int = 4) -> 
     return np.asarray(sosfiltfilt(butter(order, once, fs=rate_hz, output="sos"), value))
 
 
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """What a fit uses of n samples: the filtered drop (n,) [Pa], and the flow (n,) [m^3/s], NaN outside the parts.
+
+    parts: the settled part of each stroke.
+    """
+
+    drop_pa: Array
+    flow_m3_s: Array
+    parts: tuple[slice, ...]
+
+
+def settle(
+    time_s: Array,
+    place_m: Array,
+    drop_pa: Array,
+    command_v: Array,
+    *,
+    area_m2: float,
+    options: ValveProtocol | None = None,
+) -> Settled:
+    """Return the settled strokes of a run of voltage steps: piston place, pressure drop and command, each (n,).
+
+    Filtered without phase, cut where the voltage changes, the first third of every stroke dropped
+    (acceleration), flow = area d(place)/dt. Raises BadInput for fewer than 3 usable strokes.
+    """
+    chosen = options or ValveProtocol()
+    rate_hz = (len(time_s) - 1) / float(time_s[-1] - time_s[0])
+    place = low_pass(place_m, rate_hz, chosen.cutoff, chosen.order)
+    drop = low_pass(drop_pa, rate_hz, chosen.cutoff, chosen.order)
+    flow, parts = np.full(len(time_s), np.nan), []
+    for stroke in _strokes(command_v, chosen.half):
+        settled = _settled(place[stroke], chosen.discard)
+        part = slice(settled, len(place[stroke]) - chosen.half)  # the filter smears the next voltage into the end
+        if part.stop - part.start > 4 * chosen.half:
+            whole = slice(stroke.start + part.start, stroke.start + part.stop)
+            flow[whole] = area_m2 * noise_robust_derivative(time_s[stroke], place[stroke], chosen.half)[part]
+            parts.append(whole)
+    if len(parts) < 3:
+        raise BadInput("valve", f"{len(parts)} usable strokes", "at least 3 are needed: step the voltage more often")
+    return Settled(drop, flow, tuple(parts))
+
+
 def fit_orifice(
     time_s: Array,
     place_m: Array,
@@ -84,26 +127,14 @@ def fit_orifice(
     area_m2: float,
     options: ValveProtocol | None = None,
 ) -> ValveFit:
-    """Fit K from a run of voltage steps: piston place, pressure drop and command, each (n,).
+    """Fit K to the settled strokes of a run; arguments and errors as `settle`."""
+    return fit_settled(settle(time_s, place_m, drop_pa, command_v, area_m2=area_m2, options=options))
 
-    Filtered without phase, cut where the voltage changes, the first third of every stroke dropped
-    (acceleration), flow = area d(place)/dt. Raises BadInput for fewer than 3 usable strokes.
-    """
-    chosen = options or ValveProtocol()
-    rate_hz = (len(time_s) - 1) / float(time_s[-1] - time_s[0])
-    place = low_pass(place_m, rate_hz, chosen.cutoff, chosen.order)
-    drop = low_pass(drop_pa, rate_hz, chosen.cutoff, chosen.order)
-    flows, roots = [], []
-    for stroke in _strokes(command_v, chosen.half):
-        settled = _settled(place[stroke], chosen.discard)
-        part = slice(settled, len(place[stroke]) - chosen.half)  # the filter smears the next voltage into the end
-        if part.stop - part.start > 4 * chosen.half:
-            q = area_m2 * noise_robust_derivative(time_s[stroke], place[stroke], chosen.half)[part]
-            flows.append(q)
-            roots.append(np.sign(drop[stroke][part]) * np.sqrt(np.abs(drop[stroke][part])))
-    if len(flows) < 3:
-        raise BadInput("valve", f"{len(flows)} usable strokes", "at least 3 are needed: step the voltage more often")
-    return _pooled(flows, roots)
+
+def fit_settled(run: Settled) -> ValveFit:
+    """Fit K to settled strokes. Raises BadInput where the drop is 0 throughout."""
+    root = np.sign(run.drop_pa) * np.sqrt(np.abs(run.drop_pa))
+    return _pooled([run.flow_m3_s[part] for part in run.parts], [root[part] for part in run.parts])
 
 
 def _pooled(flows: list[Array], roots: list[Array]) -> ValveFit:

@@ -20,3 +20,16 @@ def catheter(*arguments: object, cwd: Path, env: dict[str, str] | None = None) -
     """Run the command line in a fresh process, from another folder."""
     command = [sys.executable, "-m", "catheter", *map(str, arguments)]
     return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, env=env, check=False)
+
+
+def view_names(rrd: Path) -> list[str]:
+    """Return the names of every view in a dashboard's blueprint."""
+    from rerun.chunk import RrdReader
+
+    reader, found = RrdReader(rrd), []
+    for chunk in reader.stream(store=reader.blueprints()[0]):
+        if str(chunk.entity_path).startswith("/view/"):
+            batch = chunk.to_record_batch()
+            columns = [batch.column(i) for i, one in enumerate(batch.schema) if one.name.endswith("display_name")]
+            found += [name for column in columns for row in column.to_pylist() for name in row or []]
+    return found

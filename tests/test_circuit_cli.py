@@ -28,7 +28,7 @@ def test_tune_prints_the_optimum_and_its_cost(capsys) -> None:
 
 def test_another_kind_of_scene_is_refused(capsys) -> None:
     assert cli.run(["run", "bender"]) == 2
-    assert "is of kind 'bender'; name a locomotion scene" in capsys.readouterr().err
+    assert "is of kind 'bender'; name a locomotion or robot scene" in capsys.readouterr().err
 
 
 def test_every_extreme_is_solved_to_its_tolerance_or_refused(tmp_path: Path, capsys) -> None:

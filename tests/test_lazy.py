@@ -77,6 +77,7 @@ SCENES = {  # every package, the project's and others', that reading a shipped s
     "ramp": BENCH,
     "renal_balloon": OPTIONS | PINT,
     "renal_spiral": OPTIONS | PINT,
+    "robot": OPTIONS | PINT,
     "staircase": BENCH,
     "twist": OPTIONS | PINT,
     "twisting": OPTIONS | PINT,
@@ -85,18 +86,20 @@ SCENES = {  # every package, the project's and others', that reading a shipped s
 SHAPE = {
     "centreline", "curve", "equal_volume", "frames", "motions", "polyline", "shape", "vessel_files", "vtk_lines",
 }  # fmt: skip
+WALK = {"circuit", "drive", "free", "helix", "hydraulics", "periodic", "robot", "task", "tuning"}
 OWN = {  # and the modules of the robot it loads: no scene knows what another is about
     "accumulator": {"actuator", "bench", "bench_runs"},
     "bender": {"bench"},
     "cone": {"free", "valve"},
     "free": {"free", "helix", "refine", "robot", "task"},
-    "locomotion": {"circuit", "drive", "free", "helix", "hydraulics", "periodic", "robot", "task", "tuning"},
+    "locomotion": WALK,
     "inflection": SHAPE,
     **{name: {"inflatable", "reconstruction"} for name in INVERSE},
     "invert_spiral": SHAPE | {"inflatable", "reconstruction", "reach"},
     "printed": {"inflatable", "printed_bench"},
     "renal_balloon": SHAPE,
     "renal_spiral": SHAPE,
+    "robot": WALK | {"end_effector", "gait", "inflatable", "locomotion", "response"},
     "twist": {"inflatable"},
     "twisting": SHAPE,
 }

@@ -25,7 +25,7 @@ from catheter.lab.display import display
 from catheter.lab.replay import Replay
 from catheter.lab.views.clocks import Clocks
 from catheter.lab.views.labels import ticks
-from catheter.lab.views.layout import _Pages
+from catheter.lab.views.layout import Pages
 from catheter.lab.views.loops import MOST_PLACES, Axis
 from catheter.lab.views.output import Output
 from catheter.lab.views.picture import save_picture
@@ -429,7 +429,7 @@ def test_all_plots_start_with_the_whole_recording_on_one_linked_axis(shown: Show
     replay, path = shown(bender)
     end_ns = round(replay.recording.duration_s * 1e9)
     chunks = rows(path, blueprint=True)
-    shared = next(columns for entity, _, columns in chunks if entity == f"/{_Pages.SHARED_AXIS}")
+    shared = next(columns for entity, _, columns in chunks if entity == f"/{Pages.SHARED_AXIS}")
     assert f"{end_ns}" in str(shared["TimeAxis:view_range"].to_pylist())
     linked = [columns["TimeAxis:link"].to_pylist() for _, _, columns in chunks if "TimeAxis:link" in columns]
     plots = [view for view in views(path).values() if view["class_identifier"] == "TimeSeries"]

@@ -8,21 +8,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from catheter.lab.outcome import Outcome, table
+from catheter.lab.dashboard import check_view, save_view, view_options
+from catheter.lab.outcome import Outcome, progress, table
 from data.errors import BadInput
 
 if TYPE_CHECKING:
     from catheter.circuit import Circuit
     from catheter.lab.scene import Scene
 
-PUBLISHED_EVENTS_S = {"tB": 0.03, "tC": 0.17, "tE": 1.02, "tF": 1.16}  # Fig 3.13
-PUBLISHED_STROKE_MM = 28.0  # section 3.1.2; measured 27 +- 4
+WALKS = ("locomotion", "robot")  # kinds of scenes
 
 
 def run_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `run`."""
-    parser.add_argument("scene", help="a shipped scene (locomotion), or a .toml file")
+    parser.add_argument("scene", help="a shipped scene (locomotion, robot), or a .toml file")
     _fit_option(parser)
+    view_options(parser, "the robot walking in its cannula, pressures, volumes, flows, stroke")
+    parser.add_argument("--force", action="store_true", help="overwrite dashboard and picture")
 
 
 def tune_options(parser: argparse.ArgumentParser) -> None:
@@ -44,8 +46,8 @@ def _scene(name: str, fits: Sequence[str]) -> "tuple[Scene, Circuit]":
     from catheter.lab.scene import Scene
 
     scene = Scene.load(name)
-    if scene.heading.kind != "locomotion":
-        raise BadInput(f"scene {name}", f"is of kind {scene.heading.kind!r}", "name a locomotion scene")
+    if scene.heading.kind not in WALKS:
+        raise BadInput(f"scene {name}", f"is of kind {scene.heading.kind!r}", f"name a {' or '.join(WALKS)} scene")
     circuit = scene.tables.get("circuit") or thesis_circuit()
     for each in fits:
         number, _, path = each.partition("=")
@@ -57,9 +59,11 @@ def _scene(name: str, fits: Sequence[str]) -> "tuple[Scene, Circuit]":
 
 def run_(options: argparse.Namespace) -> Outcome:
     """Run a locomotion scene: events, objective and stroke of one periodic cycle, beside the published."""
+    from catheter.lab.robot_run import EVENTS_S, STROKE_MM
     from catheter.locomotion import stroke as stroke_of
     from catheter.tuning import NAMES, evaluate
 
+    drawn = check_view(options, options.scene)
     scene, circuit = _scene(options.scene, options.fit)
     source, marks, extender = (scene.tables[name] for name in ("source", "marks", "extender"))
     score = evaluate(circuit, source, marks)
@@ -75,15 +79,15 @@ def run_(options: argparse.Namespace) -> Outcome:
         "reverse": float(score.reverse[0]),
         "stroke_mm": 1e3 * stroke,
         "extender_length_mm": 1e3 * extender.length,
-        "published": {"events_s": PUBLISHED_EVENTS_S, "stroke_mm": PUBLISHED_STROKE_MM},
+        "published": {"events_s": EVENTS_S, "stroke_mm": STROKE_MM},
         "mismatch": {
-            "events_s": {name: events[name] - PUBLISHED_EVENTS_S[name] for name in NAMES},
-            "stroke_mm": 1e3 * stroke - PUBLISHED_STROKE_MM,
+            "events_s": {name: events[name] - EVENTS_S[name] for name in NAMES},
+            "stroke_mm": 1e3 * stroke - STROKE_MM,
         },
     }
     rows = [
         [name, f"{1e3 * events[name]:.2f}", f"{1e3 * published:.0f}", f"{1e3 * (events[name] - published):+.1f}"]
-        for name, published in PUBLISHED_EVENTS_S.items()
+        for name, published in EVENTS_S.items()
     ]
     outcome = Outcome(values)
     outcome.parts = [
@@ -92,10 +96,26 @@ def run_(options: argparse.Namespace) -> Outcome:
         f"J = 2ab = {values['J']:.5f}, a = {values['forward']:.5f}, b = {values['reverse']:.5f}"
         if marks.objective == "product"
         else f"J = a^2 + b^2 - |a - b| = {values['J']:.5f}",
-        f"Stroke {values['stroke_mm']:.1f} mm a cycle, published {PUBLISHED_STROKE_MM:.0f} mm; "
+        f"Stroke {values['stroke_mm']:.1f} mm a cycle, published {STROKE_MM:.0f} mm; "
         f"extender of {values['extender_length_mm']:.0f} mm: its length is inferred, the thesis prints none.",
     ]
+    if drawn:
+        _draw(scene, circuit, options, outcome)
     return outcome
+
+
+def _draw(scene: "Scene", circuit: "Circuit", options: argparse.Namespace, outcome: Outcome) -> None:
+    """Write the dashboard of a walking robot; its end-effector, if it has one, is solved here."""
+    from catheter.lab.robot_run import walked
+    from catheter.lab.views.robot import moment_of_interest, save_robot
+
+    with progress("walking") as advance:
+        robot = walked(scene, circuit, advance)
+    save_view(outcome, options, lambda path: save_robot(robot, path), at_s=moment_of_interest(robot))
+    for name, one in robot.ends.items():
+        most = float(np.degrees(np.abs(one.angle_rad).max()))
+        outcome.values[f"{name}_deg"] = most
+        outcome.parts.append(f"{name.capitalize()} of the end-effector (simulated): {most:.1f} deg at most.")
 
 
 def tune_(options: argparse.Namespace) -> Outcome:

@@ -1,13 +1,11 @@
 """The commands that design: fibre angles of a spiral, cones of a valve."""
 
 import argparse
-from collections.abc import Callable
 from dataclasses import fields, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+from catheter.lab.dashboard import check_view, save_view, view_options
 from data.errors import BadInput, CatheterError
-from data.files import fresh
 
 if TYPE_CHECKING:
     from catheter.lab.outcome import Outcome
@@ -36,10 +34,8 @@ def free_options(parser: argparse.ArgumentParser) -> None:
         help_text = f"{each.name.replace('_', ' ')}, as {example} (default: the scene's)"
         parser.add_argument(f"--{name}", dest=f"task_{each.name}", metavar=metavar, help=help_text)
     parser.add_argument("--pareto", action="store_true", help="also list the Pareto front of R, lambda_x and delta")
-    parser.add_argument(
-        "--out", metavar="FILE.rrd", help="also write a dashboard: the spiral inflating, the cost field"
-    )
-    parser.add_argument("--force", action="store_true", help="overwrite the dashboard")
+    view_options(parser, "the spiral inflating, the cost field", flag="--out")
+    parser.add_argument("--force", action="store_true", help="overwrite dashboard and picture")
 
 
 def valve_options(parser: argparse.ArgumentParser) -> None:
@@ -50,8 +46,8 @@ def valve_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ratio", type=float, help="choose a cone of this Prev/Pfwd - 1")
     parser.add_argument("--forward", metavar="PRESSURE", help="choose a cone that cracks forward at, as '20 kPa'")
     parser.add_argument("--reverse", metavar="PRESSURE", help="choose a cone that cracks in reverse at, as '12 psi'")
-    parser.add_argument("--out", metavar="FILE.rrd", help="also write a dashboard: the map of the ratio")
-    parser.add_argument("--force", action="store_true", help="overwrite the dashboard")
+    view_options(parser, "the map of the ratio", flag="--out")
+    parser.add_argument("--force", action="store_true", help="overwrite dashboard and picture")
 
 
 def _asked(options: argparse.Namespace) -> tuple["Scene", "Task"]:
@@ -87,6 +83,7 @@ def free_(options: argparse.Namespace) -> "Outcome":
     from catheter.refine import polish, tolerance
     from catheter.search import search
 
+    drawn = check_view(options, options.scene)
     scene, task = _asked(options)
     found = search(task)
     try:
@@ -99,20 +96,11 @@ def free_(options: argparse.Namespace) -> "Outcome":
     outcome = Outcome(values, parts + robot_parts(task, found.best, scene.tables["extender"]))
     if options.pareto:
         _add_front(outcome, task)
-    if options.out:
-        from catheter.lab.views.designs import save_free
+    if drawn:
+        from catheter.lab.views.designs import TIMELINE, save_free
 
-        save_view(outcome, options, lambda path: save_free(task, found.best, path))
+        save_view(outcome, options, lambda path: save_free(task, found.best, path), count=TIMELINE)
     return outcome
-
-
-def save_view(outcome: "Outcome", options: argparse.Namespace, save: Callable[[Path], None]) -> None:
-    """Write a dashboard where --out asks for it, and say so. Raises CannotWrite."""
-    out = Path(options.out)
-    with fresh(out, options.force) as temporary:
-        save(temporary)
-    outcome.values["view"] = str(out)
-    outcome.parts.append(f"Dashboard: {out}   (look at it with: rerun {out})")
 
 
 def _add_front(outcome: "Outcome", task: "Task") -> None:
@@ -139,8 +127,9 @@ def valve_(options: argparse.Namespace) -> "Outcome":
     """List the measured cones and what the thesis claims of them; interpolate or choose one."""
     from catheter.lab.valve_view import valve_outcome
 
+    drawn = check_view(options)
     outcome = valve_outcome(options)
-    if options.out:
+    if drawn:
         from catheter.lab.views.designs import save_valves
 
         save_view(outcome, options, save_valves)

@@ -1,8 +1,7 @@
 """The bender's fit: force over volume, every subset of nine terms, the chosen one with its uncertainty."""
 
 import argparse
-import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,14 +10,12 @@ import numpy as np
 
 from catheter.lab.outcome import table
 from data.errors import BadInput
-from data.files import fresh
 from data.recording import Recording
 from data.signal import Array
 
 if TYPE_CHECKING:
     from catheter.lab.replay import Replay
     from sysid.identify import Identification, Identify
-    from sysid.terms import Experiment
 
 MOST_ROWS = 4_000_000  # beyond it a recording is streamed, see `sysid.identify.reduce_stream`
 PIECE_S = 3600.0
@@ -33,6 +30,7 @@ class Fitted:
     values: dict[str, Any]
     parts: list[Any]
     tables: dict[str, dict[str, Any]]
+    dashboard: Callable[[Path], None] | None = None
 
 
 def replayed(recording: Recording, options: argparse.Namespace) -> "Replay":
@@ -71,8 +69,6 @@ def bender(recording: Recording, options: argparse.Namespace) -> Fitted:
     }
     parts = list(_bender_parts(found, f"{ask.response} over x = {values['x']}", percent))
     tables = _bender_tables(found, in_ml)
-    if options.view:
-        parts.append(_dashboard(found, experiment, x, recording.kind, Path(options.view)))
     if options.validate:
         values["validation"] = _validate(found, Path(options.validate), ask.response, ask.input, in_ml)
         v = values["validation"]
@@ -80,7 +76,13 @@ def bender(recording: Recording, options: argparse.Namespace) -> Fitted:
             f"On {options.validate} ({v['kind']}): RMSE {v['rmse']:.4g}, fit {v['fit_percent']:.1f} %; there the best "
             f"subset of this size has {v['best_rmse']:.4g}"
         )
-    return Fitted(values, parts, tables)
+
+    def dashboard(path: Path) -> None:
+        from catheter.lab.views import fit as view
+
+        view.save(found, experiment.time_s, x, recording.kind, path)
+
+    return Fitted(values, parts, tables, dashboard)
 
 
 def _bender_values(found: "Identification") -> dict[str, Any]:
@@ -174,15 +176,6 @@ def _bender_tables(found: "Identification", in_ml: bool) -> dict[str, dict[str, 
             "constant": weights["1"], "slip_ml": [], "stiffness": [], "pressure_stiffness": [],
         }  # fmt: skip
     return tables
-
-
-def _dashboard(found: "Identification", experiment: "Experiment", x: Array, kind: str, out: Path) -> str:
-    os.environ.setdefault("RUST_LOG", "off")  # rerun's own log lines: we say what went wrong ourselves
-    from catheter.lab.views import fit as view
-
-    with fresh(out, replace=True) as temporary:  # that it may be replaced was asked before
-        view.save(found, experiment.time_s, x, kind, temporary)
-    return f"Dashboard: {out}   (look at it with: rerun {out})"
 
 
 def _validate(found: "Identification", path: Path, response: str, named: str, in_ml: bool) -> dict[str, Any]:

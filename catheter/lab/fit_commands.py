@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from catheter.lab.dashboard import check_view, save_view, view_options
 from catheter.lab.fit_bender import Fitted, bender, replayed
 from catheter.lab.fit_material import check_material, fit_tests, material_options
+from catheter.lab.fit_valve import cracking, valve
 from catheter.lab.outcome import Outcome, progress, table
 from data.errors import BadInput
 from data.files import check_free, check_inputs, fresh
@@ -29,7 +31,7 @@ def fit_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rule", choices=("1 %", "AICc", "BIC"), default="1 %", help="bender: what picks the terms")
     parser.add_argument("--signed", action="store_true", help="bender: weights of any sign (default: none negative)")
     parser.add_argument("--resamples", type=int, default=400, help="bender, material: resamples (default 400)")
-    parser.add_argument("--view", metavar="FILE.rrd", help="bender: also write a dashboard for rerun")
+    view_options(parser, "bender, valve, cracking")
     parser.add_argument("--validate", metavar="FILE.mcap", help="bender: judge the model on this recording too")
     parser.add_argument("--rest-volume", metavar="VOLUME", help="accumulator: such as '20 mL'")
     parser.add_argument("--target", metavar="K", help="valve: the coefficient wanted, '3.05e-7 m^3 Pa^-0.5 s^-1'")
@@ -40,10 +42,15 @@ def fit_(options: argparse.Namespace) -> Outcome:
     """Fit a model to a recording."""
     source = Path(options.recording)
     out = Path(options.out) if options.out else None
-    for path in (Path(name) for name in (options.out, options.view, options.picture) if name):
-        check_inputs(path, source)
-        check_free(path, options.force)
+    if out:
+        check_inputs(out, source)
+        check_free(out, options.force)
+    drawn = check_view(options, source)
     check_material(options)
+    if drawn and options.model not in DRAWN:
+        raise BadInput(
+            f"a {options.model} model", "has no dashboard", f"replay the recording, or fit {' or '.join(DRAWN)}"
+        )
     if options.model == "material":
         kind = options.origin or UNSTATED
         fitted = fit_tests(source, kind, options)
@@ -58,8 +65,12 @@ def fit_(options: argparse.Namespace) -> Outcome:
             temporary.write_text(to_toml(tables), encoding="utf-8")
         how = f'a tube scene names it: soft = "{out}"' if options.model == "material" else f'include = ["{out.name}"]'
         parts.append(f"{out} written; a scene reads it with: {how}")
-    values = {**origin, "out": str(out) if out else None, **fitted.values, "toml": tables}
-    return Outcome(values, parts)
+    outcome = Outcome({**origin, "out": str(out) if out else None, **fitted.values, "toml": tables}, parts)
+    if drawn and options.model != "material":
+        if fitted.dashboard is None:
+            raise BadInput(source, "is too long for a dashboard", "fit a window of it, or leave --view out")
+        save_view(outcome, options, fitted.dashboard)
+    return outcome
 
 
 def accumulator(recording: Recording, options: argparse.Namespace) -> Fitted:
@@ -94,46 +105,6 @@ def accumulator(recording: Recording, options: argparse.Namespace) -> Fitted:
             "standard_errors": [f"{e!r} Pa" for e in found.standard_errors.tolist()]}  # fmt: skip
     coefficients = [f"{c!r} Pa" for c in found.coefficients.tolist()]
     return Fitted(values, parts, {"fit": told, "accumulator": {"coefficients": coefficients}})
-
-
-def valve(recording: Recording, options: argparse.Namespace) -> Fitted:
-    """K of an orifice from voltage steps, and what to do with its set screw."""
-    from catheter.actuator import AREA_M2
-    from data.units import quantity
-    from sysid.orifice import fit_orifice
-
-    unit = "m^3 Pa^-0.5 s^-1"
-    place = recording.signal("/stroke")
-    before, after, volts = (recording.signal(t).at(place.time_s) for t in ("/pressure/1", "/pressure/2", "/drive"))
-    found = fit_orifice(place.time_s, place.value, before - after, volts, area_m2=AREA_M2)
-    low, high = found.interval()
-    parts: list[Any] = [
-        f"K = {found.coefficient:.5g} {unit}, standard error {found.standard_error:.2g}, 95 % interval "
-        f"{low:.5g} .. {high:.5g}, from {found.strokes} strokes, {found.samples} samples"
-    ]
-    values: dict[str, Any] = {"coefficient": found.coefficient, "standard_error": found.standard_error, "low": low,
-                              "high": high, "strokes": found.strokes, "each": found.each.tolist()}  # fmt: skip
-    if options.target:
-        target = quantity(options.target, unit, "--target")
-        values |= {"target": target, "deviation": found.deviation(target), "advice": found.advice(target)}
-        parts.append(f"{100 * values['deviation']:+.2f} % from the target {target:.4g}: {values['advice']}")
-    told = {"standard_error": f"{found.standard_error!r} {unit}", "low": f"{low!r} {unit}", "high": f"{high!r} {unit}"}
-    return Fitted(values, parts, {"fit": told, "valve": {"coefficient": f"{found.coefficient!r} {unit}"}})
-
-
-def cracking(recording: Recording, options: argparse.Namespace) -> Fitted:
-    """Cracking pressures of a valve, forward and reverse, as a row for the valve table."""
-    from sysid.orifice import fit_cracking
-
-    drop = recording.signal("/pressure")
-    found = fit_cracking(drop.value, recording.signal("/flow").at(drop.time_s))
-    psi = 6894.757293168
-    rows = [[one.direction, f"{one.pressure_pa / psi:.3f}", f"{one.low_pa / psi:.3f} .. {one.high_pa / psi:.3f}"]
-            for one in found]  # fmt: skip
-    parts = [table(["direction", "cracks at [psi]", f"{100 * found[0].level:g} % interval"], rows)]
-    told = {f"{one.direction}_{end}": f"{getattr(one, end + '_pa')!r} Pa" for one in found for end in ("low", "high")}
-    row = {one.direction: f"{one.pressure_pa!r} Pa" for one in found}
-    return Fitted({"directions": [vars(one) for one in found]}, parts, {"fit": told, "cracking": row})
 
 
 def hysteresis(recording: Recording, options: argparse.Namespace) -> Fitted:
@@ -176,3 +147,4 @@ MODELS = {
     "cracking": cracking,
     "hysteresis": hysteresis,
 }
+DRAWN = ("bender", "valve", "cracking", "material")

@@ -31,12 +31,11 @@ def material_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--law", default="", help="the law to write (default: the stable one of least AICc)")
     group.add_argument("--name", default="", help="what the material is called (default: the file's name)")
     group.add_argument("--origin", choices=("measured", "simulated"), help="where the tests are from")
-    group.add_argument("--picture", metavar="FILE.png", help="data and fits, without a window")
 
 
 def check_material(options: argparse.Namespace) -> None:
     """Refuse a material fit's options for another model, and another's for a material."""
-    own = ("specimen", "where", "strain", "stress", "law", "name", "origin", "picture")
+    own = ("specimen", "where", "strain", "stress", "law", "name", "origin")
     others = ("response", "input", "view", "validate", "rest_volume", "target")
     given = [name for name in (others if options.model == "material" else own) if getattr(options, name)]
     if given:

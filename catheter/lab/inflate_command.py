@@ -4,11 +4,11 @@ import argparse
 import time
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from catheter.lab.dashboard import check_view, save_view, view_options
 from catheter.lab.outcome import Outcome, progress, table
 from data.errors import BadInput
 from data.files import check_free, check_inputs, fresh
@@ -30,8 +30,7 @@ def inflate_options(parser: argparse.ArgumentParser) -> None:
         metavar="RATIO",
         help="cavity volume over that at rest, instead of the scene's loads; repeatable",
     )
-    parser.add_argument("--view", metavar="FILE.rrd", help="dashboard: deformed mesh, curves, Newton's history")
-    parser.add_argument("--picture", metavar="FILE.png", help="a picture of the dashboard, without a window")
+    view_options(parser, "deformed mesh, curves, Newton's history")
     parser.add_argument("--vtu", metavar="FILE", help="for ParaView: .vtu the last load, .pvd all of them")
     parser.add_argument("--accumulator", metavar="FIT.toml", help="the tube as a spring for `run --fit N=FIT.toml`")
     parser.add_argument("--force", action="store_true", help="overwrite the outputs")
@@ -53,7 +52,7 @@ def inflate_(options: argparse.Namespace) -> Outcome:
         path = replace(
             read(Loads, {key: value for key, value in given.items() if value}, "command line"), tolerance=path.tolerance
         )
-    outputs = _outputs(options)
+    outputs, drawn = _outputs(options), check_view(options, options.scene)
     started = time.perf_counter()
     with progress("inflating"):
         run = inflated(scene.tables["tube"], scene.tables["map"], path)
@@ -62,6 +61,11 @@ def inflate_(options: argparse.Namespace) -> Outcome:
         told, values = WRITERS[name](run, scene.heading.title, out, options.force)
         outcome.parts += told
         outcome.values |= values
+    if drawn:
+        from catheter.lab.views.inflate import save_inflation, timeline_of
+
+        title = scene.heading.title
+        save_view(outcome, options, lambda out: save_inflation(run, title, out), count=timeline_of(run))
     return outcome
 
 
@@ -77,25 +81,6 @@ def _outputs(options: argparse.Namespace) -> dict[str, Path]:
 
 
 Written = tuple[list[str], dict[str, Any]]
-
-
-def _view(run: "Inflation", title: str, out: Path, force: bool) -> Written:
-    from catheter.lab.views.inflate import save_inflation
-
-    with fresh(out, force) as temporary:
-        save_inflation(run, title, temporary)
-    return [f"{out} written; look at it with: rerun {out}"], {"view": str(out)}
-
-
-def _picture(run: "Inflation", title: str, out: Path, force: bool) -> Written:
-    from catheter.lab.views.inflate import save_inflation, timeline_of
-    from catheter.lab.views.picture import save_picture
-
-    with TemporaryDirectory() as folder, fresh(out, force) as temporary:
-        rrd = Path(folder) / "inflate.rrd"
-        save_inflation(run, title, rrd)
-        save_picture(rrd, temporary, count=timeline_of(run))
-    return [f"{out} written"], {"picture": str(out)}
 
 
 def _vtu(run: "Inflation", _title: str, out: Path, force: bool) -> Written:
@@ -138,7 +123,7 @@ def _accumulator(run: "Inflation", title: str, out: Path, force: bool) -> Writte
     return [text], {"accumulator": values | {"rest_volume_m3": law.rest_volume, "rising": list(fit.rising)}}
 
 
-WRITERS = {"view": _view, "picture": _picture, "vtu": _vtu, "accumulator": _accumulator}
+WRITERS = {"vtu": _vtu, "accumulator": _accumulator}
 
 
 def _outcome(run: "Inflation", title: str, seconds: float) -> Outcome:

@@ -1,11 +1,11 @@
 """The commands around recordings: replay, check, import, record."""
 
 import argparse
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from catheter.lab.dashboard import quiet, take
 from catheter.lab.outcome import Outcome, progress, table
 from data.errors import BadInput
 from data.files import check_free, check_inputs, fresh, unused
@@ -79,10 +79,11 @@ def replay_(options: argparse.Namespace) -> Outcome:
         outcome = Outcome(replay_values(replayed))
         outcome.parts = list(replay_parts(replayed))
         if not options.no_view:
-            _save_view(replayed, out, picture, options.force)
-            outcome.values |= {"view": str(out), "picture": str(picture) if picture else None}
+            _save_view(replayed, out, options.force)
+            outcome.values |= {"view": str(out), "picture": None}
             outcome.parts.append(f"Dashboard: {out}   (look at it with: rerun {out})")
-            outcome.parts += [f"Picture: {picture}"] if picture else []
+            if picture:
+                take(outcome, out, picture, force=options.force)
     return outcome
 
 
@@ -102,17 +103,12 @@ def _ask(options: argparse.Namespace, recording: Any) -> Any:
     return replace(asked, others=tuple(name for name in asked.others if name not in (asked.response, asked.input)))
 
 
-def _save_view(replayed: "Replay", out: Path, picture: Path | None, force: bool) -> None:
-    os.environ.setdefault("RUST_LOG", "off")  # rerun's own log lines: we say what went wrong ourselves
+def _save_view(replayed: "Replay", out: Path, force: bool) -> None:
+    quiet()
     from catheter.lab.views import replay as view
 
     with fresh(out, force) as temporary, progress("dashboard") as advance:
         view.save(replayed, temporary, progress=advance)
-    if picture:
-        from catheter.lab.views.picture import save_picture
-
-        with fresh(picture, force) as temporary:
-            save_picture(out, temporary)
 
 
 def replay_values(replayed: "Replay") -> dict[str, Any]:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from catheter.lab.dashboard import check_view, save_view, view_options
 from data.errors import BadInput
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ def shape_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--voxel", metavar="I,J", help="query a voxel (around, along): gradient, strain, det F")
     parser.add_argument("--map", metavar="MAP", help="flag voxels stretched past their material in this voxel map")
     parser.add_argument("--target", metavar="FILE.npz", help="write the nodes at rest and at the last q for a solver")
-    parser.add_argument("--out", metavar="FILE.rrd", help="write a dashboard: q from 0 to 1 inside the vessel")
+    view_options(parser, "q from 0 to 1 inside the vessel", flag="--out")
     parser.add_argument("--force", action="store_true", help="overwrite outputs")
 
 
@@ -44,19 +45,20 @@ def shape_(options: argparse.Namespace) -> "Outcome":
     from catheter.lab.shape_view import shape_outcome, shaped
     from data.files import check_free, check_inputs
 
-    for out in filter(None, (options.out, options.target)):
-        check_free(Path(out), options.force)
-        check_inputs(Path(out), *map(Path, filter(None, (options.vessel,))))
+    inputs = [options.vessel] if options.vessel else []
+    drawn = check_view(options, *inputs)
+    if options.target:
+        check_free(Path(options.target), options.force)
+        check_inputs(Path(options.target), *map(Path, inputs))
     found = shaped(options.scene, options.q, options.vessel, options.unit)
     voxel = _voxel(options.voxel)
     outcome = shape_outcome(found, voxel, options.map)
     if options.target:
         _save_target(outcome, found, Path(options.target), options.force)
-    if options.out:
-        from catheter.lab.design import save_view
-        from catheter.lab.views.shapes import save_shape
+    if drawn:
+        from catheter.lab.views.shapes import TIMELINE, save_shape
 
-        save_view(outcome, options, lambda path: save_shape(found, voxel, path))
+        save_view(outcome, options, lambda path: save_shape(found, voxel, path), count=TIMELINE)
     return outcome
 
 

@@ -8,10 +8,12 @@ from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from catheter.lab.dashboard import check_view, take, view_options
 from catheter.lab.outcome import Outcome, progress, table
 from data.errors import BadInput
 from data.files import cannot_write, check_free, check_inputs, fresh
@@ -40,7 +42,7 @@ def twist_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--zero", type=int, metavar="FRAME", help="the frame whose twist is zero (default: first seen)")
     parser.add_argument("--smooth", type=float, metavar="RAD_S2", help="fill gaps and smooth, up to this acceleration")
     parser.add_argument("--origin", choices=(MEASURED, SIMULATED), help="where a video's or folder's frames are from")
-    parser.add_argument("--view", metavar="FILE.rrd", help="overlay of marker, angle and region on the frames")
+    view_options(parser, "overlay of marker, angle and region on the frames")
     parser.add_argument("--force", action="store_true", help="overwrite the outputs")
 
 
@@ -64,19 +66,25 @@ class Summary:
 def twist_(options: argparse.Namespace) -> Outcome:
     """Measure twist; exit code 0 also when frames are missing, which are listed."""
     source = open_source(options.source, topic=options.topic, rate_hz=options.rate)
-    out, view = (Path(name) if name else None for name in (options.out, options.view))
+    out = Path(options.out) if options.out else None
     if out and out.suffix not in (".csv", ".mcap"):
         raise BadInput("--out", f"is {out}", "expected a name ending in .csv or .mcap")
-    for path in filter(None, (out, view)):
-        if source.kind != "folder":
-            check_inputs(path, source.path)
-        check_free(path, options.force)
+    inputs = [source.path] if source.kind != "folder" else []
+    check_view(options, *inputs)
+    if out:
+        check_inputs(out, *inputs)
+        check_free(out, options.force)
     if options.origin and source.kind == "recording":
         raise BadInput("--origin", "given for a recording", "it says itself where its frames are from")
     source = replace(source, origin=options.origin) if options.origin else source
     if out and out.suffix == ".mcap" and source.origin == UNSTATED:
         raise BadInput(source.path, "does not say where its frames are from", "state --origin measured or simulated")
-    kept, partial = _measure(source, _marker(options), out, view, options.force)
+    with TemporaryDirectory() as folder:
+        shown = options.view or (Path(folder) / "twist.rrd" if options.picture else None)
+        kept, partial = _measure(source, _marker(options), out, Path(shown) if shown else None, options.force)
+        outcome = Outcome({})
+        if options.picture and shown:
+            take(outcome, Path(shown), Path(options.picture), force=options.force)
     found = assemble(kept.found, options.zero)
     if options.smooth is not None:
         found = smooth(found, options.smooth)
@@ -85,7 +93,8 @@ def twist_(options: argparse.Namespace) -> Outcome:
     if partial:
         partial.unlink(missing_ok=True)
     values = _values(kept, found, source) | {"out": options.out, "view": options.view}
-    return Outcome(values, list(_parts(values)))
+    outcome.values, outcome.parts = values | outcome.values, [*_parts(values), *outcome.parts]
+    return outcome
 
 
 def save(twist: Twist, out: Path, source: Source, *, replace_it: bool = False) -> None:
@@ -125,7 +134,11 @@ def _measure(
     kept.resumed = len(kept.found)
     with ExitStack() as stack:
         advance = stack.enter_context(progress("twist"))
-        overlay = _overlay(source, view, force, stack)
+        overlay: TwistView | None = None
+        if view:
+            from catheter.lab.views import twist as shown
+
+            overlay = stack.enter_context(shown.TwistView(view, source, replace=force))
         file = None
         if partial:
             try:
@@ -168,14 +181,6 @@ def _resume(partial: Path | None, head: dict[str, Any]) -> list[Row]:
     if found:
         partial.write_text(whole, "utf-8")
     return found
-
-
-def _overlay(source: Source, view: Path | None, force: bool, stack: ExitStack) -> "TwistView | None":
-    if view is None:
-        return None
-    from catheter.lab.views.twist import TwistView
-
-    return stack.enter_context(TwistView(view, source, replace=force))
 
 
 def _shown(frames: Iterable[Frame], overlay: "TwistView | None") -> Iterator[Frame]:

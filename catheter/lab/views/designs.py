@@ -8,10 +8,11 @@ import rerun.blueprint as rrb
 
 from catheter.free import Array, inflate
 from catheter.helix import Design, HelixState
+from catheter.lab.views.layout import eye_on
 from catheter.lab.views.output import write
 from catheter.search import cost_field, half_steps
 from catheter.task import DEGREE, Task
-from catheter.valve import INCH, cone, measured
+from catheter.valve import INCH, Cones, cone, measured
 
 VOLUMES = 40
 RINGS, SIDES = 241, 20  # of the tube's mesh
@@ -35,10 +36,15 @@ def save_free(task: Task, spiral: Design, path: Path) -> None:
         cost = np.log10(cost_field(coarse)[1]).astype(np.float32)
         tensor = rr.Tensor(cost, dim_names=("alpha", "beta", "gamma"), value_range=(np.nanmin(cost), np.nanmax(cost)))
         stream.log("/cost", tensor, static=True)
+        corners = np.array([(0.0, -1, -1), (np.sign(spiral.pitch_m) * spiral.length_ratio * task.length, 1, 1)])
+        corners[:, 1:] *= 2 * spiral.radius_m
+        eye = eye_on(corners, (0.7, -0.8, 0.4))
         views = [
-            rrb.Spatial3DView(name="spiral over volume ratio, computed", origin="/spiral"),
+            rrb.Spatial3DView(
+                name="simulated spiral over volume ratio", origin="/spiral", eye_controls=eye, line_grid=False
+            ),
             rrb.TensorView(
-                name="log10 cost over alpha, beta, gamma, computed",
+                name="log10 cost over alpha, beta, gamma, simulated",
                 origin="/cost",
                 slice_selection=rrb.TensorSliceSelection(
                     width=1,
@@ -60,7 +66,7 @@ def save_valves(path: Path) -> None:
     def log(stream: rr.RecordingStream) -> None:
         known = measured()
         angle = np.linspace(known.angle_rad[-1], known.angle_rad[0], 201)  # the steepest on top
-        thick = np.linspace(known.thickness_m[0], known.thickness_m[-1], 121)
+        thick = np.linspace(known.thickness_m[0], known.thickness_m[-1], 201)
         ratio = cone(angle[:, None], thick).ratio.astype(np.float32)
         degrees, inches = np.degrees(known.angle_rad), known.thickness_m / INCH
         names = (
@@ -69,9 +75,28 @@ def save_valves(path: Path) -> None:
         )
         stream.log("/ratio", rr.Tensor(ratio, dim_names=names, value_range=(0.0, float(ratio.max()))), static=True)
         view = rrb.TensorView(name="Prev / Pfwd - 1, measured cones and between", origin="/ratio")
-        stream.send_blueprint(rrb.Blueprint(view, *PANELS, rrb.TimePanel(state="hidden")))
+        stream.log("/table", rr.TextDocument(_cones(known), media_type=rr.MediaType.MARKDOWN), static=True)
+        text = rrb.TextDocumentView(name="measured cracking pressures, thesis Table 3.5", origin="/table")
+        page = rrb.Horizontal(view, text)
+        stream.send_blueprint(rrb.Blueprint(page, *PANELS, rrb.TimePanel(state="hidden")))
 
     write("valves", path, log)
+
+
+def _cones(known: Cones) -> str:
+    """Return the measured cones in markdown."""
+    lines = [
+        "kPa forward / reverse (ratio)",
+        "",
+        f"| deg | {' | '.join(f'{t / INCH:.3f} in' for t in known.thickness_m)} |",
+    ]
+    lines.append("|---:|" + "---:|" * len(known.thickness_m))
+    for angle, *row in zip(known.angle_rad, known.forward_pa, known.reverse_pa, known.ratio, strict=True):
+        cells = [f"{f / 1e3:.1f} / {r / 1e3:.1f} ({x:.2f})" for f, r, x in zip(*row, strict=True)]
+        lines.append(f"| {np.degrees(angle):.0f} | {' | '.join(cells)} |")
+    return "\n".join(
+        [*lines, "", "Violet: 0, equal both ways. Yellow: the largest ratio. Nothing beyond was measured."]
+    )
 
 
 def _nearest(task: Task, gamma_rad: float) -> int:

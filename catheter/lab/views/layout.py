@@ -3,17 +3,19 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
 from catheter.lab.views.clocks import TIMELINE
 from catheter.lab.views.labels import view_name
+from data.signal import Array
 
 ROWS = 6  # plots that stand under each other on the first page
 GRID = 12  # plots on each further page
 
 
-class _Pages(rrb.Tabs):
+class Pages(rrb.Tabs):
     """The dashboard's pages, and the range of time that all plots show until somebody zooms.
 
     Plots with a linked time axis take its range from a view of this fixed id (GLOBAL_VIEW_ID in
@@ -30,6 +32,15 @@ class _Pages(rrb.Tabs):
         super()._log_to_stream(stream)
         first, last = (rrb.TimeRangeBoundary.absolute(seconds=seconds) for seconds in (0.0, self._duration_s))
         stream.log(self.SHARED_AXIS, rrb.TimeAxis(view_range=rr.TimeRange(start=first, end=last)))
+
+
+def eye_on(points: Array, direction: tuple[float, float, float]) -> rrb.EyeControls3D:
+    """Return a camera that looks against `direction` and sees all of the points (..., 3), z upwards."""
+    flat = points.reshape(-1, 3)
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    middle, reach = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
+    away = np.array(direction) / np.linalg.norm(direction)
+    return rrb.EyeControls3D(position=middle + 1.8 * reach * away, look_target=middle, eye_up=(0.0, 0.0, 1.0))
 
 
 @dataclass
@@ -61,7 +72,7 @@ def blueprint(views: Views, kind: str, duration_s: float) -> rrb.Blueprint:
         name = view_name(f"further signals {number}", "", kind)
         pages.append(rrb.Grid(*views.signals[start : start + GRID], grid_columns=2, name=name))
     return rrb.Blueprint(
-        _Pages(*pages, duration_s=duration_s),
+        Pages(*pages, duration_s=duration_s),
         rrb.TimePanel(state="collapsed" if views.timed else "hidden", timeline=TIMELINE),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),

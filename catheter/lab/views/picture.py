@@ -43,9 +43,9 @@ def save_picture(
     for _ in range(ATTEMPTS):
         with viewer((size[0], size[1] + MENU)) as running:
             try:
-                pixels = _take(running, rrd, at_s, count)[-size[1] :]
+                pixels = take(running, rrd, at_s=at_s, count=count)[-size[1] :]
                 break
-            except _NoPictureError as error:
+            except NoPictureError as error:
                 if "No graphics adapter" in running.printed():
                     raise CatheterError(NO_DRIVER) from error
                 reasons.append(str(error))
@@ -54,20 +54,25 @@ def save_picture(
     import cv2
 
     try:
-        png.write_bytes(cv2.imencode(".png", pixels)[1].tobytes())
+        png.write_bytes(cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 6])[1].tobytes())
     except OSError as error:
         raise cannot_write(png, error) from error
 
 
-class _NoPictureError(Exception):
+class NoPictureError(Exception):
     """One attempt failed; the message says at what."""
 
 
-def _take(running: Viewer, rrd: Path, at_s: float | None, count: str) -> Pixels:
-    """Return the pixels of a dashboard that has come to rest."""
+def take(running: Viewer, rrd: Path, *, at_s: float | None = None, count: str = "") -> Pixels:
+    """Return the pixels of a dashboard that has come to rest, with the menu; what was open before is closed.
+
+    at_s, count: as for `save_picture`. Raises NoPictureError for an attempt that failed, CatheterError
+    for a view that fails.
+    """
     deadline = time.monotonic() + ATTEMPT_S
     try:
         client = _connect(running, deadline)
+        _close(client, deadline)
         client.open(str(rrd.resolve()))
         at_ns = _loaded(running, client, at_s, count or TIMELINE, deadline)
         if at_ns is not None and count:
@@ -83,8 +88,29 @@ def _take(running: Viewer, rrd: Path, at_s: float | None, count: str) -> Pixels:
                 return now
             before = now
     except (RuntimeError, OSError) as error:  # what the client raises when the viewer hangs or is gone
-        raise _NoPictureError(str(error)) from error
-    raise _NoPictureError(f"it was still changing after {ATTEMPT_S:g} s")
+        raise NoPictureError(str(error)) from error
+    raise NoPictureError(f"it was still changing after {ATTEMPT_S:g} s")
+
+
+def views_of(running: Viewer) -> dict[str, Pixels]:
+    """Return the pixels of every view of the page that is open, by its name."""
+    client, found = _connect(running, time.monotonic() + ATTEMPT_S), {}
+    for view in client.get_state().views:
+        try:
+            found[view.name] = _pixels(client.take_screenshot(view_id=view.view_id))
+        except ConnectionError as error:
+            if "NotFound" not in str(error):  # a view of another page, which is never painted
+                raise
+    return found
+
+
+def _close(client: ViewerClient, deadline: float) -> None:
+    """Close what is open, so that the next dashboard is the only one."""
+    if not client.get_state().recordings:
+        return
+    client.close("all")
+    while client.get_state().recordings and time.monotonic() < deadline:
+        time.sleep(0.02)
 
 
 def _connect(running: Viewer, deadline: float) -> ViewerClient:
@@ -93,7 +119,7 @@ def _connect(running: Viewer, deadline: float) -> ViewerClient:
             return ViewerClient.connect(running.url)
         except OSError:  # it does not listen yet
             time.sleep(0.05)
-    raise _NoPictureError("the viewer ended" if running.ended else "the viewer did not answer")
+    raise NoPictureError("the viewer ended" if running.ended else "the viewer did not answer")
 
 
 def _loaded(running: Viewer, client: ViewerClient, at_s: float | None, timeline: str, deadline: float) -> int | None:
@@ -109,7 +135,7 @@ def _loaded(running: Viewer, client: ViewerClient, at_s: float | None, timeline:
             span = lines[0].end - lines[0].start
             return lines[0].start + round(PAST_MIDDLE * span) if at_s is None else round(at_s * 1e9)
         time.sleep(0.05)
-    raise _NoPictureError("the dashboard did not load")
+    raise NoPictureError("the dashboard did not load")
 
 
 def _check(client: ViewerClient, rrd: Path) -> None:
@@ -124,7 +150,7 @@ def _pixels(png: bytes) -> Pixels:
 
     pixels = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
     if pixels is None:
-        raise _NoPictureError("the viewer's answer is no PNG picture")
+        raise NoPictureError("the viewer's answer is no PNG picture")
     return np.asarray(pixels, np.uint8)
 
 

@@ -23,13 +23,18 @@ Corner = Literal["LeftTop", "RightTop", "LeftBottom", "RightBottom"]
 
 @dataclass(frozen=True)
 class Line:
-    """One line of a plot; a line that is not shown waits in the legend for a click."""
+    """One line of a plot; a line that is not shown waits in the legend for a click.
+
+    exact: every sample is drawn; else the viewer averages those that share a pixel, which is fast, and
+    rounds the corners of frames that stand unevenly.
+    """
 
     column: Column
     name: str
     colour: Colour
     width: float = 1.5
     shown: bool = True
+    exact: bool = False
 
 
 def plot(
@@ -76,7 +81,14 @@ def _share(column: Array) -> Array:
 
 
 def _visualizer(line: Line) -> rrb.Visualizer:
-    style = rr.SeriesLines(names=line.name, colors=line.colour, widths=line.width, visible_series=[line.shown])
+    policy = rr.components.AggregationPolicy
+    style = rr.SeriesLines(
+        names=line.name,
+        colors=line.colour,
+        widths=line.width,
+        visible_series=[line.shown],
+        aggregation_policy=policy.Off if line.exact else policy.Average,
+    )
     source = VisualizerComponentMapping(
         target="Scalars:scalars",
         source_kind=ComponentSourceKind.SourceComponent,

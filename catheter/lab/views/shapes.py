@@ -11,6 +11,7 @@ from catheter.curve import Along
 from catheter.frames import rotation_minimising
 from catheter.lab.views.designs import PANELS
 from catheter.lab.views.labels import MARK
+from catheter.lab.views.layout import eye_on
 from catheter.lab.views.output import write
 from catheter.motions import coarse_wall
 from catheter.target import Query, query
@@ -23,6 +24,7 @@ TIMELINE = "q_1000"  # a sequence: 1000 times q
 FRAMES = 21
 AROUND, ALONG = 48, 240
 MM = 1e3
+AWAY = (0.8, -1.0, 0.5)  # where the camera stands
 VESSEL, WALL, VOXEL = (205, 70, 70, 60), (225, 222, 210, 255), (30, 60, 200, 255)
 LINES = (120, 110, 90)
 EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
@@ -35,7 +37,8 @@ def save_shape(found: "Shaped", voxel: tuple[int, int] | None, path: Path) -> No
     """Write the dashboard to `path`, replaced; lengths shown in mm. Raises CannotWrite."""
 
     def log(stream: rr.RecordingStream) -> None:
-        _log_vessel(stream, found)
+        wall = _log_vessel(stream, found)
+        seen = MM * coarse_wall(found.shape, 1.0, AROUND, ALONG).positions[:, :, 1]
         for q in np.linspace(0, 1, FRAMES).tolist():
             stream.set_time(TIMELINE, sequence=round(1000 * q))
             _log_actuator(stream, found, q)
@@ -45,10 +48,22 @@ def save_shape(found: "Shaped", voxel: tuple[int, int] | None, path: Path) -> No
                 stream.log("/voxel", rr.TextDocument(_text(asked), media_type=rr.MediaType.MARKDOWN))
         word = "simulated" if found.vessel.simulated else "computed"
         views: list[rrb.View | rrb.Container] = [
-            rrb.Spatial3DView(name=f"{word} {found.title}, mm, over q", origin="/shape")
+            rrb.Spatial3DView(
+                name=f"{word} {found.title}, mm, over q",
+                origin="/shape",
+                eye_controls=eye_on(np.concatenate([seen.reshape(-1, 3), wall.reshape(-1, 3)]), AWAY),
+                line_grid=False,
+            )
         ]
         if voxel is not None:
-            zoom = rrb.Spatial3DView(name=f"{word} voxel {voxel[0]}, {voxel[1]}, mm", origin="/shape/voxel")
+            asked = query(found.shape, found.actuator, voxel, 1.0)
+            near = MM * np.concatenate([asked.rest.reshape(-1, 3), asked.moved.reshape(-1, 3)])
+            zoom = rrb.Spatial3DView(
+                name=f"{word} voxel {voxel[0]}, {voxel[1]}, mm",
+                origin="/shape/voxel",
+                eye_controls=eye_on(near, AWAY),
+                line_grid=False,
+            )
             views.append(rrb.Vertical(zoom, rrb.TextDocumentView(name=f"{word} deformation", origin="/voxel")))
         time = rrb.TimePanel(timeline=TIMELINE, state="collapsed")
         layout = rrb.Horizontal(*views, column_shares=[2.0, 1.0][: len(views)])
@@ -57,7 +72,8 @@ def save_shape(found: "Shaped", voxel: tuple[int, int] | None, path: Path) -> No
     write("shape", path, log)
 
 
-def _log_vessel(stream: rr.RecordingStream, found: "Shaped") -> None:
+def _log_vessel(stream: rr.RecordingStream, found: "Shaped") -> Array:
+    """Log the vessel's wall and return it, (around, along, 3) [mm]."""
     vessel = found.vessel
     w = np.linspace(0, vessel.length, ALONG + 1)
     along = Along(vessel.centre(w, 2), rotation_minimising(vessel.centre, w).normal)
@@ -65,6 +81,7 @@ def _log_vessel(stream: rr.RecordingStream, found: "Shaped") -> None:
     out = np.cos(v) * along.normal[0] + np.sin(v) * along.binormal[0]
     wall = along.curve[0] + vessel.radius(w, 0)[0][:, None] * out
     stream.log("/shape/vessel", _mesh(wall, VESSEL), static=True)
+    return np.asarray(MM * wall)
 
 
 def _log_actuator(stream: rr.RecordingStream, found: "Shaped", q: float) -> None:
