@@ -6,6 +6,7 @@ camera above looks against the axis: what it sees turn clockwise, turns anticloc
 
 import math
 from collections.abc import Iterator
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -27,21 +28,37 @@ class Filmed:
     """A recording with /pressure, /led, /camera/top and /camera/side, measured when asked for.
 
     cameras: exposure, length of the flashes and scale of the side view, as the bench was set up.
+    reading: the same film, whose frames another process reads; what they show is then waited for.
     """
 
     path: Path
     cameras: Cameras
+    reading: "Future[Filmed] | None" = None
+
+    def ahead(self, executor: Executor) -> "Filmed":
+        """Return the film while its frames begin to be read in an executor's process."""
+        return replace(self, reading=executor.submit(self.watched))
+
+    def watched(self) -> "Filmed":
+        """Return it with every frame read, so that a process may hand it to another."""
+        _ = self._read, self._top, self._side
+        return self
 
     @cached_property
-    def _read(self) -> tuple[Signal, Signal, str]:
+    def _read(self) -> tuple[Signal, Signal, str, dict[str, str]]:
         with Recording(self.path) as recording:
             pressure, led = recording.signal("/pressure", "pressure"), recording.signal("/led", "state")
-            return pressure, led, recording.kind
+            return pressure, led, recording.kind, recording.metadata.get("truth", {})
 
     @property
     def kind(self) -> str:
         """'measured', 'simulated' or 'unstated'."""
         return self._read[2]
+
+    @property
+    def truth(self) -> dict[str, str]:
+        """What was simulated, by name; empty for a measurement."""
+        return self._read[3]
 
     @property
     def pressure(self) -> Signal:
@@ -71,10 +88,14 @@ class Filmed:
 
     @cached_property
     def _top(self) -> tuple[Offset, Twist]:
+        if self.reading:
+            return self.reading.result()._top
         return self._offset("top"), assemble(list(rows(self._frames("top"), Tracker())))
 
     @cached_property
     def _side(self) -> tuple[Offset, Array, Array]:
+        if self.reading:
+            return self.reading.result()._side
         time_s, tips = np.array([(frame.time_s, _tip(frame)) for frame in self._frames("side")]).T
         return self._offset("side"), time_s, tips
 

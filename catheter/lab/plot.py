@@ -9,7 +9,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from catheter.error_map import ErrorMap
     from catheter.lab.report import Row
+    from data.signal import Array
 
 # Okabe and Ito's colours without yellow, which white paper swallows: apart for colour-blind readers and in grey.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -49,6 +51,25 @@ def axes(
     for letter in log:
         getattr(made, f"set_{letter}scale")("log")
     return made
+
+
+def image(figure: "Figure", plot: "Axes", values: "Array", name: str) -> None:
+    """Draw the voxels (around, along) of a tube unwrapped, the base below, with a scale of colours beside."""
+    plot.grid(visible=False)
+    figure.colorbar(plot.imshow(values.T, origin="lower", aspect="auto"), ax=plot, label=name)
+
+
+def draw_errors(figure: "Figure", errors: "ErrorMap", at: tuple[int, int, int]) -> None:
+    """Draw the three maps of thesis Fig. 6.18 side by side; at: (rows, columns, number of the first)."""
+    values = (
+        ("modulus", "%", 100 * errors.modulus),
+        ("displacement", "mm", 1e3 * errors.displacement),
+        ("Green-Lagrange strain", "1", errors.strain),
+    )
+    for number, (name, unit, value) in enumerate(values, start=at[2]):
+        title = f"error: {name}"
+        plot = axes(figure, ("voxel around", ""), ("voxel along", ""), at=(at[0], at[1], number), title=title)
+        image(figure, plot, value, label(name, unit))
 
 
 def label(name: str, unit: str) -> str:
