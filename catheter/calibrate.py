@@ -98,7 +98,9 @@ def _inverse(curvature: Array) -> Array:
     try:
         return np.asarray(np.linalg.inv(curvature), dtype=np.float64)
     except np.linalg.LinAlgError:
-        raise BadInput("calibration", "the twists do not tell the moduli apart", "measure at higher pressures") from None
+        raise BadInput(
+            "calibration", "the twists do not tell the moduli apart", "measure at higher pressures"
+        ) from None
 
 
 def groups(voxels: Voxels, material: Any) -> Voxels:

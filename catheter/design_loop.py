@@ -1,4 +1,4 @@
-"""The loop of thesis 6.5: a design is printed, filmed under pressure, its materials calibrated, and it is designed anew.
+"""The loop of thesis 6.5: a design is printed, filmed under pressure, its materials calibrated, then designed anew.
 
 Each stage is computed when it is asked for, and once.
 """
@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from catheter.calibrate import NORMAL_95, Calibration
 from catheter.error_map import ErrorMap, error_map
@@ -56,7 +57,7 @@ class Specimen:
     pattern: Pattern
 
     @property
-    def stiff(self) -> Array:
+    def stiff(self) -> NDArray[np.bool_]:
         """Which voxels (around, along) are of the stiff material."""
         return self.pattern.stiff_voxels(self.shape.voxels[0], self.shape.voxels[1])
 
@@ -71,7 +72,8 @@ class Specimen:
         told = self.film.truth
         if not {"print.soft", "print.stiff"} <= told.keys():
             return None
-        return self.levels * np.array([float(told["print.soft"]), float(told["print.stiff"])])
+        factors = np.array([float(told["print.soft"]), float(told["print.stiff"])])
+        return np.asarray(self.levels * factors)
 
     def tube(self, moduli: Array) -> "Tube":
         """Return the tube whose two materials have moduli (2,) [Pa]."""
@@ -81,7 +83,7 @@ class Specimen:
 
 @dataclass(frozen=True, eq=False)
 class TwistCurve:
-    """Twist (n,) [rad] over pressure (n,) [Pa] of a map, as a film or the model has it; name: says whose, and the kind."""
+    """Twist (n,) [rad] over pressure (n,) [Pa] of a map, by film or by the model; its name has the data's kind."""
 
     name: str
     map: str

@@ -63,11 +63,11 @@ def picture(loop: "DesignLoop", path: Path) -> None:
     """Write a picture of the twist curves (thesis Fig. 6.22), both maps, and the errors (Fig. 6.18)."""
     from catheter.lab.plot import axes, draw_errors, save, sheet
 
-    figure = sheet("a printed actuator, filmed and designed anew", loop.first.film.kind, size=(13, 8))
-    draw_curves(loop, axes(figure, ("pressure", "kPa"), ("twist", "deg"), at=(2, 2, 1)))
+    figure = sheet("a printed actuator, filmed and designed anew", loop.first.film.kind, size=(14, 9))
+    draw_curves(loop, axes(figure, ("pressure", "kPa"), ("twist", "deg"), at=(2, 3, 1)))
     made, grid = loop.redesign, loop.first.shape.voxels
-    for at, (title, chosen) in enumerate((("design", made.before.chosen), ("redesign", made.after.chosen)), start=3):
-        plot = axes(figure, ("voxel around", ""), ("voxel along", ""), at=(2, 4, at), title=f"stiff voxels, {title}")
+    for at, (title, chosen) in enumerate((("design", made.before.chosen), ("redesign", made.after.chosen)), start=2):
+        plot = axes(figure, ("voxel around", ""), ("voxel along", ""), at=(2, 3, at), title=f"stiff voxels, {title}")
         plot.grid(visible=False)
         plot.imshow(chosen.reshape(grid).T, origin="lower", aspect="auto", cmap="Greys")
     draw_errors(figure, loop.errors[-1], (2, 3, 4))
@@ -97,4 +97,5 @@ def draw_curves(loop: "DesignLoop", plot: Any) -> None:
     ends = [DEG * (middle.values["twist"] + side * around) for side in (-1, 1)]
     told = f"95 % of specimens (assumed: c1 scatters by {soft:.0%}, {stiff:.0%})"
     plot.fill_between(KPA * middle.pressure, *ends, color=COLOURS[0], alpha=0.15, label=told)
+    plot.margins(y=0.3)  # room for the names
     plot.legend(fontsize=7)

@@ -66,12 +66,19 @@ def materials(loop: "DesignLoop") -> Outcome:
             numbers.append(float(truth[k]))
             values[name] |= {"truth_pa": numbers[4], "held": bool(low <= truth[k] <= high)}
         rows.append([name, *(f"{MPA * number:.4f}" for number in numbers)])
-    head = ["material", "c1 MPa", "95 % from", "to", "in the table", *(["simulated truth"] if truth is not None else [])]
+    head = [
+        "material",
+        "c1 MPa",
+        "95 % from",
+        "to",
+        "in the table",
+        *(["simulated truth"] if truth is not None else []),
+    ]
     rmse = {"table": loop.twin.rmse, "calibrated": loop.calibrated.rmse}
     parts = [
         table(head, rows, f"Materials from the film ({first.film.kind}), {found.steps} steps"),
         f"Model with these materials (simulated) minus film: {rmse['calibrated'] * DEG:.3f} deg rms, "
-        f"{found.misfit:.2f} of what the noises of gauge and camera explain",
+        f"misfit {found.misfit:.2f} of the noises of gauge and camera",
     ]
     return Outcome({"model_rmse_rad": rmse, "materials": values, "misfit": found.misfit}, parts)
 
@@ -83,16 +90,14 @@ def redesign(loop: "DesignLoop") -> Outcome:
     for (what, at, one), errors in zip(made.rows, loop.errors, strict=True):
         off = made.errors(one)
         row = {
-            "what": what,
             "pressure_pa": at,
             "twist_rad": made.twist(one.standings[0]),
             "rms_m": float(np.sqrt((off**2).mean())),
             "largest_m": float(off.max()),
-            "strain_rms": float(np.sqrt((errors.strain**2).mean())),
             "largest_strain": float(errors.strain.max()),
         }
-        values.append(row)
-        numbers = (KPA * at, row["twist_rad"] * DEG, MM * row["rms_m"], MM * row["largest_m"], row["largest_strain"])
+        values.append({"what": what, **row})
+        numbers = np.array(list(row.values())) * (KPA, DEG, MM, MM, 1.0)
         rows.append([what, *(f"{number:.{n}f}" for number, n in zip(numbers, (2, 3, 4, 4, 4), strict=True))])
     designed = made.twist(made.case.whole[0])
     title = f"Designed: {designed * DEG:.3f} deg at {loop.closing.pressure * KPA:g} kPa (simulated)"
@@ -121,21 +126,21 @@ def _again(loop: "DesignLoop", values: dict[str, Any]) -> list[str]:
     film = again.film
     load = film.pressure.at(film.twist.time_s)
     within = np.abs(found.residual) <= loop.scatter(load) + loop.noise(load)
-    known = np.isfinite(found.residual)
+    share = float(within[np.isfinite(found.residual)].mean())
     there = loop.reached
     differ = int((again.stiff != (np.array(loop.redesign.after.chosen).reshape(again.shape.voxels) > 0)).sum())
     values["again"] = {
         "kind": film.kind,
         "rmse_rad": found.rmse,
         "offset_rad": found.offset,
-        "within_scatter": float(within[known].mean()),
+        "within_scatter": share,
         "voxels_unlike_this_redesign": differ,
         "twist_rad": there,
     }
     lines = [
         f"Printed again from that map ({film.kind}): film minus model with the first's materials "
-        f"{-found.offset * DEG:+.3f} deg in the mean, {found.rmse * DEG:.3f} deg rms; {100 * within[known].mean():.0f} % "
-        "of the frames within what specimens scatter (assumed)",
+        f"{-found.offset * DEG:+.3f} deg in the mean, {found.rmse * DEG:.3f} deg rms; {100 * share:.0f} % of the "
+        "frames within what specimens scatter (assumed)",
         f"It twists by {there * DEG:.2f} deg at {KPA * loop.redesign.pressure_pa:.2f} kPa; designed were "
         f"{values['design_twist_rad'] * DEG:.2f} deg",
     ]

@@ -53,10 +53,22 @@ def axes(
     return made
 
 
-def image(figure: "Figure", plot: "Axes", values: "Array", name: str) -> None:
-    """Draw the voxels (around, along) of a tube unwrapped, the base below, with a scale of colours beside."""
+def image(figure: "Figure", plot: "Axes", values: "Array", name: str, *, about_zero: bool = False) -> None:
+    """Draw the voxels (around, along) of a tube unwrapped, the base below, with a scale of colours beside.
+
+    about_zero: the scale holds 99 % of the voxels; those beyond are black.
+    """
+    from matplotlib import colormaps
+
     plot.grid(visible=False)
-    figure.colorbar(plot.imshow(values.T, origin="lower", aspect="auto"), ax=plot, label=name)
+    if not about_zero:
+        figure.colorbar(plot.imshow(values.T, origin="lower", aspect="auto"), ax=plot, label=name)
+        return
+    sizes = sorted(abs(float(value)) for value in values.ravel())
+    reach = 1.5 * (sizes[int(0.99 * (len(sizes) - 1))] or sizes[-1] or 1.0)
+    colours = colormaps["coolwarm"].with_extremes(under="black", over="black")
+    drawn = plot.imshow(values.T, origin="lower", aspect="auto", cmap=colours, vmin=-reach, vmax=reach)
+    figure.colorbar(drawn, ax=plot, label=name, extend="both" if sizes[-1] > reach else "neither")
 
 
 def draw_errors(figure: "Figure", errors: "ErrorMap", at: tuple[int, int, int]) -> None:
@@ -67,9 +79,10 @@ def draw_errors(figure: "Figure", errors: "ErrorMap", at: tuple[int, int, int]) 
         ("Green-Lagrange strain", "1", errors.strain),
     )
     for number, (name, unit, value) in enumerate(values, start=at[2]):
-        title = f"error: {name}"
+        most = f"{float(abs(value).max()):.3g}" + (f" {unit}" if unit != "1" else "")
+        title = f"error: {name}, {most} at most"
         plot = axes(figure, ("voxel around", ""), ("voxel along", ""), at=(at[0], at[1], number), title=title)
-        image(figure, plot, value, label(name, unit))
+        image(figure, plot, value, label(name, unit), about_zero=name == "modulus")
 
 
 def label(name: str, unit: str) -> str:
