@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from catheter.calibrate import NORMAL_95, Calibration
 from catheter.error_map import ErrorMap, error_map
 from catheter.filmed import Filmed
 from catheter.inflatable import Path as Loads
 from catheter.inflatable import Pattern, Shape, build, drawn, otherwise
-from catheter.redesign import Redesign, calibrated, redesign
 from catheter.response import respond
 from catheter.twin import Twin, beside, twin
 from data.errors import BadInput
@@ -24,9 +22,12 @@ from data.recording import SIMULATED
 from data.signal import Array
 
 if TYPE_CHECKING:
+    from catheter.calibrate import Calibration
+    from catheter.redesign import Redesign
     from fem.tube import Tube
 
 NEAR = 3e3  # Pa
+SURE = 1.96  # standard deviations, for 95 %
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,8 +111,10 @@ class DesignLoop:
         return self._twin(self.first, self.first.levels)
 
     @cached_property
-    def calibration(self) -> Calibration:
+    def calibration(self) -> "Calibration":
         """Both materials, from the film."""
+        from catheter.redesign import calibrated
+
         first, seen = self.first, self.first.film.seen
         return calibrated(
             first.shape, first.pattern, *seen.pairs(), angle_sd=seen.sigma, pressure_share=self.closing.noise
@@ -123,8 +126,10 @@ class DesignLoop:
         return self._twin(self.first, self.calibration.moduli)
 
     @cached_property
-    def redesign(self) -> Redesign:
+    def redesign(self) -> "Redesign":
         """Pressure and map that move most nearly as the design, in the calibrated materials."""
+        from catheter.redesign import redesign
+
         return redesign(self.first.shape, self.first.pattern, self.calibration.moduli, self.closing.pressure)
 
     @cached_property
@@ -155,7 +160,7 @@ class DesignLoop:
     def curves(self) -> tuple[TwistCurve, ...]:
         """The curves of thesis Fig. 6.22: both maps as the model has them and as filmed, and the design as drawn."""
         models = (
-            ("design, table's materials", "drawn", self.twin),
+            ("design, by the table", "drawn", self.twin),
             ("design, calibrated", "design", self.calibrated),
             ("redesign, calibrated", "redesign", self.anew),
         )
@@ -185,12 +190,12 @@ class DesignLoop:
     def scatter(self, pressure: Array) -> Array:
         """Return by how much 95 % of specimens differ in twist (n,) [rad] at pressures (n,) [Pa], to first order."""
         by_log = self.calibration.curve.at(pressure)[2]
-        return np.asarray(NORMAL_95 * np.sqrt(((by_log * np.array(self.closing.scatter)) ** 2).sum(axis=1)))
+        return np.asarray(SURE * np.sqrt(((by_log * np.array(self.closing.scatter)) ** 2).sum(axis=1)))
 
     def noise(self, pressure: Array) -> Array:
         """Return how far twists that were filmed lie from a true model in 95 % of frames (n,) [rad]."""
         slope = self.calibration.curve.at(pressure)[1]
-        return np.asarray(NORMAL_95 * np.hypot(self.first.film.seen.sigma, slope * self.closing.noise * pressure))
+        return np.asarray(SURE * np.hypot(self.first.film.seen.sigma, slope * self.closing.noise * pressure))
 
     @staticmethod
     def _twin(one: Specimen, moduli: Array) -> Twin:

@@ -97,5 +97,9 @@ def draw_curves(loop: "DesignLoop", plot: Any) -> None:
     ends = [DEG * (middle.values["twist"] + side * around) for side in (-1, 1)]
     told = f"95 % of specimens (assumed: c1 scatters by {soft:.0%}, {stiff:.0%})"
     plot.fill_between(KPA * middle.pressure, *ends, color=COLOURS[0], alpha=0.15, label=told)
-    plot.margins(y=0.3)  # room for the names
-    plot.legend(fontsize=7)
+    low, high = plot.get_ylim()
+    if high < -low:  # room for the names, above what turns clockwise, below what does not
+        plot.set_ylim(low, high + 0.4 * (high - low))
+    else:
+        plot.set_ylim(low - 0.4 * (high - low), high)
+    plot.legend(fontsize=7, loc="upper right" if high < -low else "lower right")

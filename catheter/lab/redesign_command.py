@@ -76,7 +76,7 @@ def _closed(
     from catheter.lab.scene import recorded_scene
 
     scene = recorded_scene(source, options.scene, ("tube", "map"))
-    with _another_process() as executor, progress("film, twin, materials, redesign") as advance:
+    with _another_process(until) as executor, progress("film, twin, materials, redesign") as advance:
         first = _specimen(source, scene, executor)
         if prints:
             check_folder(Path(prints), first, options.force)
@@ -98,18 +98,24 @@ def _add(outcome: Outcome, one: Outcome) -> None:
     outcome.parts += one.parts
 
 
-def _specimen(source: Path, scene: "Scene", executor: "Executor") -> "Specimen":
+def _specimen(source: Path, scene: "Scene", executor: "Executor | None") -> "Specimen":
     from catheter.design_loop import Specimen
     from catheter.filmed import Filmed
     from catheter.printed_bench import Cameras
 
-    film = Filmed(source, scene.tables.get("cameras", Cameras())).ahead(executor)
-    return Specimen(film, scene.tables["tube"], scene.tables["map"])
+    film = Filmed(source, scene.tables.get("cameras", Cameras()))
+    return Specimen(film.ahead(executor) if executor else film, scene.tables["tube"], scene.tables["map"])
 
 
 @contextmanager
-def _another_process() -> "Iterator[Executor]":
-    """Yield a process in which frames are read while this one solves the model; the first time, both compile."""
+def _another_process(until: str) -> "Iterator[Executor | None]":
+    """Yield a process in which frames are read while this one solves the model; the first time, both compile.
+
+    None where no model is asked for.
+    """
+    if until in ("clocks", "twist"):
+        yield None
+        return
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 

@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 from catheter.lab.loop_files import error_picture
 from catheter.lab.views.cameras import log_camera
 from catheter.lab.views.clocks import TIMELINE, Clocks
-from catheter.lab.views.labels import BEST, FRAME, MEASURED, MODELS, TEXT, Colour, literal, view_name
+from catheter.lab.views.labels import BEST, FRAME, MEASURED, MODELS, Colour, literal, view_name
 from catheter.lab.views.layout import _Pages
 from catheter.lab.views.loops import Axis, Sheet
 from catheter.lab.views.output import Output
@@ -22,14 +22,13 @@ from fem.grid import skin
 
 if TYPE_CHECKING:
     from catheter.design_loop import DesignLoop
-    from catheter.twin import Twin
 
 DEG, MM, KPA = float(np.degrees(1.0)), 1e3, 1e-3
 TABLE: Colour = MODELS[1]
 AGAIN: Colour = MODELS[0]
 SOFT, STIFF, CAP = (225, 215, 200), (60, 64, 80), (150, 170, 190)
 POSES_HZ = 5.0
-WIDTH, NAMES, LINE = 1.2, 0.95, 0.08  # of the drawing of Fig. 6.22, the names beside it, a line of text; in its heights
+WIDTH, NAMES, LINE = 1.2, 1.0, 0.08  # of the drawing of Fig. 6.22, the names beside it, a line of text; in its heights
 
 
 def save_loop(loop: "DesignLoop", title: str, path: Path) -> None:
@@ -50,7 +49,7 @@ def save_loop(loop: "DesignLoop", title: str, path: Path) -> None:
         notes = rr.TextDocument(_notes(loop, title, left_out), media_type=rr.MediaType.MARKDOWN)
         output.stream.log("/notes", notes, static=True)
         text = rrb.TextDocumentView(name=view_name("loop", "", kind), origin="/notes")
-        pictures = rrb.Horizontal(body, *[view for view in cameras if view], column_shares=[3, 3, 2])
+        pictures = rrb.Horizontal(body, *[view for view in cameras if view], column_shares=[5, 4, 4])
         right = rrb.Vertical(pictures, rrb.Horizontal(curves, text, column_shares=[5, 4]), errors, row_shares=[3, 4, 3])
         left = rrb.Vertical(*plots, row_shares=[0.8, 1.6, 0.9, 1.0, 1.5])
         page = rrb.Horizontal(left, right, column_shares=[3, 5], name=view_name("loop", "", kind))
@@ -76,17 +75,14 @@ def _plots(loop: "DesignLoop", clocks: Clocks) -> list[rrb.TimeSeriesView]:
     def line(name: str, time_s: Array, values: Array, colour: Colour, width: float = 1.5) -> Line:
         return Line(clocks.add("Loop", f"{name} {len(clocks)} {width}", time_s, values), name, colour, width)
 
-    def model(of: "Twin", name: str, colour: Colour, values: Array) -> Line:
-        return line(f"{name} ({SIMULATED})", of.time_s, values, colour)
-
     band, table, found = DEG * loop.noise(here), loop.twin, loop.calibrated
     reach = film.extension.time_s
-    twists = [
-        model(table, "table's materials", TABLE, DEG * table.twist),
+    twists = [  # on one clock, so that the thin lines are drawn over the thick one
         line(f"film ({kind})", seen, DEG * film.twist.value, MEASURED, 3.5),
-        model(found, "calibrated", BEST, DEG * found.twist),
+        line(f"table's materials ({SIMULATED})", seen, DEG * table.response.at(here), TABLE),
+        line(f"calibrated ({SIMULATED})", seen, DEG * found.response.at(here), BEST),
     ]
-    extensions = [  # on one clock, so that the thin line is drawn over the thick one
+    extensions = [
         line(f"film ({kind})", reach, MM * film.extension.value, MEASURED, 3.5),
         line(f"calibrated ({SIMULATED})", reach, MM * found.response.at(load.at(reach), "extension"), BEST),
     ]
@@ -96,13 +92,13 @@ def _plots(loop: "DesignLoop", clocks: Clocks) -> list[rrb.TimeSeriesView]:
         line("calibrated minus film", seen, DEG * found.residual, BEST, 1.2),
     ]
     wrong = line("table's materials minus film", seen, DEG * table.residual, TABLE)
-    before, after = (f"model minus film, rms {DEG * one.rmse:.3g} deg" for one in (table, found))
+    before, after = (f"minus film, rms {DEG * one.rmse:.3g}" for one in (table, found))
     return [
         plot(view_name("pressure", "kPa", kind), [line("pressure", load.time_s, KPA * load.value, MEASURED)]),
         plot(view_name("twist", "deg", kind), twists, corner="LeftBottom"),
         plot(view_name("extension", "mm", kind), extensions),
-        plot(view_name(f"table's materials: {before}", "deg", kind), [wrong]),
-        plot(view_name(f"calibrated: {after}", "deg", kind), left, corner="LeftBottom"),
+        plot(view_name(f"twist by table's materials {before}", "deg", kind), [wrong]),
+        plot(view_name(f"twist by calibrated model {after}", "deg", kind), left, corner="LeftBottom"),
     ]
 
 
@@ -141,9 +137,9 @@ def _tube(output: Output, loop: "DesignLoop") -> rrb.Spatial3DView:
     middle = MM * np.array([0.0, 0.0, loop.first.shape.length / 2])
     reach = MM * loop.first.shape.length
     eye = rrb.EyeControls3D(
-        position=middle + reach * np.array([0.55, -0.55, 0.5]), look_target=middle, eye_up=(0.0, 0.0, 1.0)
+        position=middle + reach * np.array([0.8, -0.8, 0.65]), look_target=middle, eye_up=(0.0, 0.0, 1.0)
     )
-    name = view_name("tube; its tip: film blue", "", SIMULATED)
+    name = view_name("tube, film's twist blue", "", SIMULATED)
     return rrb.Spatial3DView(name=name, origin="/body", eye_controls=eye)
 
 
@@ -176,11 +172,11 @@ class _Figure(Sheet):
     def bounds(self) -> rrb.VisualBounds2D:
         """Return what the view shows: the drawing and the names beside it."""
         y_range = (-1.07 - self.line, 0.06 + 2 * self.line)
-        return rrb.VisualBounds2D(x_range=(-0.15, self.x.length + NAMES), y_range=y_range)
+        return rrb.VisualBounds2D(x_range=(-0.22, self.x.length + NAMES), y_range=y_range)
 
     def legend(self, entries: list[tuple[str, Colour]]) -> None:
         """Write the lines' names beside the drawing."""
-        places = [(self.x.length + NAMES / 2, -0.9 + 1.5 * self.line * k) for k in range(len(entries))]
+        places = [(self.x.length + NAMES / 2 - 0.02, -0.9 + 1.5 * self.line * k) for k in range(len(entries))]
         self._texts("legend", places, [name for name, _ in entries], [colour for _, colour in entries])
 
 
@@ -225,7 +221,7 @@ def _errors(stream: rr.RecordingStream, loop: "DesignLoop") -> rrb.Spatial2DView
         picture = rr.EncodedImage(contents=path.read_bytes(), media_type="image/png")
     stream.log("/errors", picture, static=True)
     name = view_name("redesign minus design in every voxel, thesis Fig. 6.18", "", SIMULATED)
-    return rrb.Spatial2DView(name=name, origin="/errors", background=TEXT)
+    return rrb.Spatial2DView(name=name, origin="/errors", background=(255, 255, 255))
 
 
 def _notes(loop: "DesignLoop", title: str, left_out: list[str]) -> str:
