@@ -3,7 +3,8 @@
 Each stage is computed when it is asked for, and once.
 """
 
-from dataclasses import dataclass
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -57,6 +58,10 @@ class Specimen:
     shape: Shape
     pattern: Pattern
 
+    def ahead(self, executor: Executor) -> "Specimen":
+        """Return it while its film begins to be read in an executor's process."""
+        return replace(self, film=self.film.ahead(executor))
+
     @property
     def stiff(self) -> NDArray[np.bool_]:
         """Which voxels (around, along) are of the stiff material."""
@@ -96,14 +101,23 @@ class TwistCurve:
 class DesignLoop:
     """What an actuator, filmed under pressure, says of its materials, and the design that follows.
 
-    first: printed from the design. again: printed from what came of it, if that was done. Raises BadInput where
-    the second is another tube.
+    first: printed from the design. again: printed from what came of it, if that was done. executor: its processes
+    begin to read the films at once, to be waited for where they are needed. Raises BadInput where the second is
+    another tube.
     """
 
-    def __init__(self, first: Specimen, again: Specimen | None = None, closing: Closing | None = None) -> None:
-        self.first, self.again, self.closing = first, again, closing or Closing()
+    def __init__(
+        self,
+        first: Specimen,
+        again: Specimen | None = None,
+        closing: Closing | None = None,
+        executor: Executor | None = None,
+    ) -> None:
+        self.closing = closing or Closing()
         if again and (again.shape.voxels != first.shape.voxels or len(again.levels) != 2):
             raise BadInput(again.film.path, f"has {again.shape.voxels} voxels", f"expected {first.shape.voxels}")
+        self.first = first.ahead(executor) if executor else first
+        self.again = again.ahead(executor) if again and executor else again
 
     @cached_property
     def twin(self) -> Twin:

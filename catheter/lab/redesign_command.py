@@ -76,13 +76,14 @@ def _closed(
     from catheter.lab.scene import recorded_scene
 
     scene = recorded_scene(source, options.scene, ("tube", "map"))
+    first, again = _specimen(source, scene), None
+    if options.again:
+        second = Path(options.again)
+        again = _specimen(second, recorded_scene(second, None, ("tube", "map")))
+    if prints:
+        check_folder(Path(prints), first, options.force)
     with _another_process(until) as executor, progress("film, twin, materials, redesign") as advance:
-        first = _specimen(source, scene, executor)
-        if prints:
-            check_folder(Path(prints), first, options.force)
-        second = Path(options.again) if options.again else None
-        again = _specimen(second, recorded_scene(second, None, ("tube", "map")), executor) if second else None
-        loop = DesignLoop(first, again, closing)
+        loop = DesignLoop(first, again, closing, executor)
         outcome = told(loop, until, advance)
         outcome.values["recording"] = str(source)
         outcome.parts.insert(0, f"{scene.heading.title} ({first.film.kind}): {source.name}")
@@ -98,13 +99,12 @@ def _add(outcome: Outcome, one: Outcome) -> None:
     outcome.parts += one.parts
 
 
-def _specimen(source: Path, scene: "Scene", executor: "Executor | None") -> "Specimen":
+def _specimen(source: Path, scene: "Scene") -> "Specimen":
     from catheter.design_loop import Specimen
     from catheter.filmed import Filmed
     from catheter.printed_bench import Cameras
 
-    film = Filmed(source, scene.tables.get("cameras", Cameras()))
-    return Specimen(film.ahead(executor) if executor else film, scene.tables["tube"], scene.tables["map"])
+    return Specimen(Filmed(source, scene.tables.get("cameras", Cameras())), scene.tables["tube"], scene.tables["map"])
 
 
 @contextmanager
@@ -119,15 +119,15 @@ def _another_process(until: str) -> "Iterator[Executor | None]":
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
-    pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=_patient)
+    pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=_interruptible)
     try:
         yield pool
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _patient() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who asked answers an interrupt, and ends us
+def _interruptible() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # it ends at once and says nothing: who asked does
 
 
 def _view(loop: "DesignLoop", title: str, views: list[Path], force: bool) -> Outcome:
