@@ -19,7 +19,7 @@ from fem.voxels import Standing, Voxels
 
 NORMAL_95 = 1.959963984540054
 MOST_STEPS = 30
-SETTLED = 1e-2  # of a modulus's own standard deviation: a step below it is the last, the next would be far smaller
+SETTLED = 0.05  # of a modulus's standard deviation: a step below it is the last, for each is far below the one before
 
 
 @dataclass(frozen=True, eq=False)
