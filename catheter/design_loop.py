@@ -103,7 +103,7 @@ class DesignLoop:
 
     first: printed from the design. again: printed from what came of it, if that was done. executor: its processes
     begin to read the films at once, to be waited for where they are needed. Raises BadInput where the second is
-    another tube.
+    another tube, or one is not of two materials.
     """
 
     def __init__(
@@ -114,8 +114,11 @@ class DesignLoop:
         executor: Executor | None = None,
     ) -> None:
         self.closing = closing or Closing()
-        if again and (again.shape.voxels != first.shape.voxels or len(again.levels) != 2):
-            raise BadInput(again.film.path, f"has {again.shape.voxels} voxels", f"expected {first.shape.voxels}")
+        for one in filter(None, (first, again)):
+            if len(one.levels) != 2:
+                raise BadInput(one.film.path, f"is of {len(one.levels)} materials", "a calibration needs two")
+        if again and again.shape != first.shape:
+            raise BadInput(again.film.path, f"is of another tube: {again.shape}", f"expected {first.shape}")
         self.first = first.ahead(executor) if executor else first
         self.again = again.ahead(executor) if again and executor else again
 
@@ -154,16 +157,9 @@ class DesignLoop:
         """
         if self.again:
             return self._twin(self.again, self.calibration.moduli)
-        pattern = self.redesigned
-        return twin(
-            Specimen(self.first.film, self.first.shape, pattern).tube(self.calibration.moduli),
-            self.first.film.pressure,
-        )
-
-    @property
-    def redesigned(self) -> Pattern:
-        """The redesign's map."""
-        return drawn(self.first.pattern, self.redesign.after.chosen.reshape(self.first.shape.voxels) > 0)
+        stiff = self.redesign.after.chosen.reshape(self.first.shape.voxels) > 0
+        anew = replace(self.first, pattern=drawn(self.first.pattern, stiff))
+        return twin(anew.tube(self.calibration.moduli), self.first.film.pressure)
 
     @cached_property
     def errors(self) -> tuple[ErrorMap, ...]:

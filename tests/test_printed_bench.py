@@ -2,6 +2,7 @@
 
 import io
 import json
+import pickle
 import shutil
 from contextlib import redirect_stdout
 from dataclasses import replace
@@ -22,7 +23,7 @@ from catheter.lab.record import record, with_map
 from catheter.lab.scene import Scene, recorded_scene
 from catheter.printed_bench import Cameras, PrintedRun
 from catheter.reconstruction import Wanted, tube_case
-from data.errors import BadInput
+from data.errors import BadInput, CannotWrite, CatheterError, DamagedRecording, DidNotConverge
 from data.recording import Recording
 from fem.voxel_map import Sizes, VoxelMap, load_map, write_map
 
@@ -164,8 +165,24 @@ def test_a_map_as_drawn_is_the_map() -> None:
         drawn(helix, stiff).stiff_voxels(8, 7)
     with pytest.raises(BadInput, match="letters a and b"):
         Pattern(pattern="rows", rows=("abc",)).stiff_voxels(3, 1)
-    with pytest.raises(BadInput, match="other|9 voxels|voxels"):
+    with pytest.raises(BadInput, match="the scene's tube is"):
         with_map(Scene.parse(SCENE, "test"), "twist7")
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        BadInput("a.mcap, /led", "is missing", "record it"),
+        DamagedRecording("a.mcap", "byte 7"),
+        CannotWrite(Path("out"), "exists"),
+        DidNotConverge("8 steps"),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_what_is_wrong_with_a_film_is_said_though_another_process_read_it(error: CatheterError) -> None:
+    error.add_note("a note")
+    there = pickle.loads(pickle.dumps(error))
+    assert (type(there), str(there), vars(there)) == (type(error), str(error), vars(error))
 
 
 def test_turning_a_body_is_an_error_of_place_and_not_of_strain() -> None:
@@ -195,6 +212,8 @@ def test_the_loop_ends_in_print_files_of_a_better_design(
     folder = path.with_name("out")
     made = load_map(folder / "redesigned.toml")
     assert made.voxels.shape == run.run.tube.material.shape
+    stiff = Pattern(pattern="helix", period=4, width=1).stiff_voxels(8, 8)
+    assert (made.voxels != stiff).sum() == told["voxels_changed"]
     assert told["read_back"]["FLX9785"] == made.voxels.sum()
     assert told["read_back"]["Agilus30"] == (made.voxels == 0).sum()
     assert {Path(file).suffix for file in told["files"]} == {".toml", ".stl", ".3mf", ".png"}
@@ -240,9 +259,7 @@ def test_both_maps_are_shown_as_the_model_and_the_films_have_them(
         truth = np.asarray(run._splines[0](np.array(film["pressure_pa"])))
         assert film["twist_rad"] == pytest.approx(truth, abs=np.radians(0.2))  # 6 times the gauge's noise
         wrong = np.abs(np.interp(film["pressure_pa"], model["pressure_pa"], model["twist_rad"]) - truth).max()
-        assert (wrong < np.radians(0.2)) == (
-            which == "design"
-        )  # the other has other rubbers
+        assert (wrong < np.radians(0.2)) == (which == "design")  # the other has other rubbers
     told = looped["again"]
     assert told["voxels_unlike_this_redesign"] > 0
     assert 0.8 < told["within_scatter"] <= 1.0

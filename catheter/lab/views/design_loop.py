@@ -119,6 +119,7 @@ def _tube(output: Output, loop: "DesignLoop") -> rrb.Spatial3DView:
     triangles = (first + np.array([[0, 1, 2, 0, 2, 3]])).reshape(-1, 3).astype(np.uint32)
     stream.log("/body/tube", rr.Mesh3D.from_fields(triangle_indices=triangles, vertex_colors=colours), static=True)
     moments = np.arange(0.0, film.pressure.time_s[-1], 1 / POSES_HZ)
+    moments = moments[np.isfinite(film.pressure.at(moments))]
     load = film.pressure.at(moments)
     shapes = MM * response.shape(load)
     for moment, x, pair in zip(moments.tolist(), shapes, _angles(loop, moments, load), strict=True):
