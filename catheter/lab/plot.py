@@ -56,7 +56,7 @@ def axes(
 def image(figure: "Figure", plot: "Axes", values: "Array", name: str, *, about_zero: bool = False) -> None:
     """Draw the voxels (around, along) of a tube unwrapped, the base below, with a scale of colours beside.
 
-    about_zero: the scale holds 99 % of the voxels; those beyond are black.
+    about_zero: the scale holds at least 99 % of the voxels; those beyond are black.
     """
     from matplotlib import colormaps
 
@@ -65,7 +65,7 @@ def image(figure: "Figure", plot: "Axes", values: "Array", name: str, *, about_z
         figure.colorbar(plot.imshow(values.T, origin="lower", aspect="auto"), ax=plot, label=name)
         return
     sizes = sorted(abs(float(value)) for value in values.ravel())
-    reach = 1.5 * (sizes[int(0.99 * (len(sizes) - 1))] or sizes[-1] or 1.0)
+    reach = min(1.5 * sizes[int(0.99 * (len(sizes) - 1))], sizes[-1]) or sizes[-1] or 1.0
     colours = colormaps["coolwarm"].with_extremes(under="black", over="black")
     drawn = plot.imshow(values.T, origin="lower", aspect="auto", cmap=colours, vmin=-reach, vmax=reach)
     figure.colorbar(drawn, ax=plot, label=name, extend="both" if sizes[-1] > reach else "neither")

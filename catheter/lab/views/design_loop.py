@@ -161,13 +161,13 @@ def _arrows(x: Array, angles: Array, radius: float) -> rr.Arrows3D:
 class _Figure(Sheet):
     """The drawing of thesis Fig. 6.22."""
 
-    def model(self, name: str, pressure: Array, twist: Array, colour: Colour, width: float = 1.2) -> None:
+    def model(self, name: str, pressure: Array, twist: Array, colour: Colour, width: float) -> None:
         """Draw a line."""
         self._lines(name, [self.points(pressure, twist)], [colour], width)
 
     def film(self, name: str, pressure: Array, twist: Array, colour: Colour) -> None:
         """Draw points."""
-        dots = rr.Points2D(self.points(pressure, twist), colors=colour, radii=rr.Radius.ui_points(1.7), draw_order=10)
+        dots = rr.Points2D(self.points(pressure, twist), colors=colour, radii=rr.Radius.ui_points(2.6), draw_order=-1)
         self.stream.log(f"{self.path}/{name}", dots, static=True)
 
     def bounds(self) -> rrb.VisualBounds2D:
@@ -201,7 +201,11 @@ def _curves(stream: rr.RecordingStream, loop: "DesignLoop") -> rrb.Spatial2DView
     legend: list[tuple[str, Colour]] = [("95 % of specimens (assumed)", FRAME)]
     for number, one in enumerate(curves):
         colour = films[one.map] if one.film else colours[one.map]
-        (sheet.film if one.film else sheet.model)(f"curve{number}", one.pressure, one.twist, colour)
+        if one.film:
+            sheet.film(f"curve{number}", one.pressure, one.twist, colour)
+        else:  # the redesign's is drawn on the design's, which it hardly leaves
+            width = 1.8 if one.map == "design" else 0.8
+            sheet.model(f"curve{number}", one.pressure, one.twist, colour, width)
         legend.append((one.name, colour))
     sheet.legend(legend)
     film = loop.first.film
