@@ -69,8 +69,11 @@ class Specimen:
 
     @property
     def levels(self) -> Array:
-        """Moduli c1 of the soft and the stiff material as the table has them (2,) [Pa]."""
-        return np.unique(self.pattern.moduli(self.shape.voxels[0], self.shape.voxels[1]))
+        """Moduli c1 of the soft and the stiff material as the table has them (2,) [Pa]. Raises BadInput for others."""
+        found = np.unique(self.pattern.moduli(self.shape.voxels[0], self.shape.voxels[1]))
+        if len(found) != 2:
+            raise BadInput(self.film.path, f"its map has {len(found)} moduli", "a calibration needs two materials")
+        return found
 
     @property
     def truth(self) -> Array | None:
@@ -103,7 +106,7 @@ class DesignLoop:
 
     first: printed from the design. again: printed from what came of it, if that was done. executor: its processes
     begin to read the films at once, to be waited for where they are needed. Raises BadInput where the second is
-    another tube, or one is not of two materials.
+    another tube; its stages do for a map that is not of two materials.
     """
 
     def __init__(
@@ -114,9 +117,6 @@ class DesignLoop:
         executor: Executor | None = None,
     ) -> None:
         self.closing = closing or Closing()
-        for one in filter(None, (first, again)):
-            if len(one.levels) != 2:
-                raise BadInput(one.film.path, f"is of {len(one.levels)} materials", "a calibration needs two")
         if again and again.shape != first.shape:
             raise BadInput(again.film.path, f"is of another tube: {again.shape}", f"expected {first.shape}")
         self.first = first.ahead(executor) if executor else first
