@@ -18,7 +18,8 @@ from fem.sensitivity import adjoint
 from fem.voxels import Standing, Voxels
 
 NORMAL_95 = 1.959963984540054
-MOST_STEPS, SETTLED = 30, 1e-7
+MOST_STEPS = 30
+SETTLED = 0.05  # of a modulus's standard deviation: a step below it is the last, for each is far below the one before
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +46,7 @@ class Calibration:
     """Moduli (m,) [Pa], the covariance (m, m) of their logarithms, and 95 % intervals (m, 2) [Pa].
 
     misfit: root mean square misfit in its own standard deviation, about 1 where the noise is as said.
+    curve: the model there, but for the last step.
     """
 
     moduli: Array
@@ -52,6 +54,7 @@ class Calibration:
     interval: Array
     misfit: float
     steps: int
+    curve: Curve
 
 
 def calibrate(
@@ -75,7 +78,8 @@ def calibrate(
         raise BadInput("calibration, noise", f"is {angle_sd:g} rad", "expected above 0")
     log, true = np.log(seed), pressure
     for number in range(1, MOST_STEPS + 1):
-        value, slope, by_log = curve(log).at(true)
+        model = curve(log)
+        value, slope, by_log = model.at(true)
         by_pressure = slope * pressure_share * true  # standard deviation of the twist from that of the pressure
         weight = 1 / np.hypot(angle_sd, by_pressure)
         left = angle - value - slope * (pressure - true)
@@ -83,14 +87,23 @@ def calibrate(
         step = np.linalg.lstsq(rows, misfit, rcond=None)[0]
         log = log + step * min(1.0, 0.3 / float(np.abs(step).max() or 1.0))
         true = pressure + (left - by_log @ step) * weight**2 * by_pressure * pressure_share * true
-        if np.abs(step).max() < SETTLED:
-            covariance: Array = np.asarray(np.linalg.inv(rows.T @ rows), dtype=np.float64)
-            half = NORMAL_95 * np.sqrt(np.diag(covariance))
+        covariance = _inverse(rows.T @ rows)
+        half = NORMAL_95 * np.sqrt(np.diag(covariance))
+        if (np.abs(step) < SETTLED * half / NORMAL_95).all():
             interval: Array = np.exp(np.stack([log - half, log + half], axis=1))
-            return Calibration(np.exp(log), covariance, interval, float(np.sqrt((misfit**2).mean())), number)
+            return Calibration(np.exp(log), covariance, interval, float(np.sqrt((misfit**2).mean())), number, model)
     raise DidNotConverge(
         f"calibration: steps of {np.abs(step).max():.1e} after {MOST_STEPS}; measure at more pressures"
     )
+
+
+def _inverse(curvature: Array) -> Array:
+    try:
+        return np.asarray(np.linalg.inv(curvature), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        raise BadInput(
+            "calibration", "the twists do not tell the moduli apart", "measure at higher pressures"
+        ) from None
 
 
 def groups(voxels: Voxels, material: Any) -> Voxels:

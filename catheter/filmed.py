@@ -6,6 +6,7 @@ camera above looks against the axis: what it sees turn clockwise, turns anticloc
 
 import math
 from collections.abc import Iterator
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -27,21 +28,37 @@ class Filmed:
     """A recording with /pressure, /led, /camera/top and /camera/side, measured when asked for.
 
     cameras: exposure, length of the flashes and scale of the side view, as the bench was set up.
+    reading: the same film, whose frames another process reads; what they show is then waited for.
     """
 
     path: Path
     cameras: Cameras
+    reading: "Future[Filmed] | None" = None
+
+    def ahead(self, executor: Executor) -> "Filmed":
+        """Return the film while its frames begin to be read in an executor's process."""
+        return replace(self, reading=executor.submit(self.watched))
+
+    def watched(self) -> "Filmed":
+        """Return it with every frame read, so that a process may hand it to another."""
+        _ = self._read, self._top_clock, self._side_clock, self._marker, self._tips
+        return self
 
     @cached_property
-    def _read(self) -> tuple[Signal, Signal, str]:
+    def _read(self) -> tuple[Signal, Signal, str, dict[str, str]]:
         with Recording(self.path) as recording:
             pressure, led = recording.signal("/pressure", "pressure"), recording.signal("/led", "state")
-            return pressure, led, recording.kind
+            return pressure, led, recording.kind, recording.metadata.get("truth", {})
 
     @property
     def kind(self) -> str:
         """'measured', 'simulated' or 'unstated'."""
         return self._read[2]
+
+    @property
+    def truth(self) -> dict[str, str]:
+        """What was simulated, by name; empty for a measurement."""
+        return self._read[3]
 
     @property
     def pressure(self) -> Signal:
@@ -60,7 +77,7 @@ class Filmed:
 
         Raises BadInput where the light is not seen, DidNotConverge where it contradicts itself.
         """
-        return self._top[0] if camera == "top" else self._side[0]
+        return self._source._top_clock if camera == "top" else self._source._side_clock
 
     def _frames(self, camera: str) -> Iterator[Frame]:
         return open_source(self.path, topic=f"/camera/{camera}").frames()
@@ -69,38 +86,50 @@ class Filmed:
         steps = flashes(brightness(self._frames(camera), LED), self.cameras.exposure)
         return offset(*(of_known_length(found, self.cameras.lit) for found in (self.flashes, steps)))
 
-    @cached_property
-    def _top(self) -> tuple[Offset, Twist]:
-        return self._offset("top"), assemble(list(rows(self._frames("top"), Tracker())))
+    @property
+    def _source(self) -> "Filmed":
+        """The film whose frames were, or will be, read: another process's, if one reads them."""
+        return self.reading.result() if self.reading else self
 
     @cached_property
-    def _side(self) -> tuple[Offset, Array, Array]:
+    def _top_clock(self) -> Offset:
+        return self._offset("top")
+
+    @cached_property
+    def _side_clock(self) -> Offset:
+        return self._offset("side")
+
+    @cached_property
+    def _marker(self) -> Twist:
+        return assemble(list(rows(self._frames("top"), Tracker())))
+
+    @cached_property
+    def _tips(self) -> Signal:
         time_s, tips = np.array([(frame.time_s, _tip(frame)) for frame in self._frames("side")]).T
-        return self._offset("side"), time_s, tips
+        return Signal(time_s, (tips - tips[0]) / self.cameras.scale, "m", name="extension")
 
     @cached_property
     def twist(self) -> Signal:
         """Twist [rad] since the first frame, anticlockwise as seen from beyond the tip; NaN without a marker."""
-        found, seen = self._top
-        return on_clock(Signal(seen.time_s, -seen.angle_rad, "rad", name="twist"), found)
+        seen = self._source._marker
+        return on_clock(Signal(seen.time_s, -seen.angle_rad, "rad", name="twist"), self.clock("top"))
 
     @cached_property
     def twist_sigma(self) -> Array:
         """Standard deviation of each angle (n,) [rad]; the first frame's, which is subtracted, included."""
-        sigma = self._top[1].sigma_rad
+        sigma = self._source._marker.sigma_rad
         first = sigma[np.flatnonzero(np.isfinite(sigma))[:1]]
         return np.hypot(sigma, first[0] if first.size else math.nan)
 
     @property
     def missing(self) -> int:
         """Frames of the camera above without a marker."""
-        return self._top[1].status.count(MISSING)
+        return self._source._marker.status.count(MISSING)
 
     @cached_property
     def extension(self) -> Signal:
         """How far the tip moved along the axis since the first frame [m]; NaN where no tube was seen."""
-        found, time_s, tips = self._side
-        return on_clock(Signal(time_s, (tips - tips[0]) / self.cameras.scale, "m", name="extension"), found)
+        return on_clock(self._source._tips, self.clock("side"))
 
     @property
     def seen(self) -> "Seen":

@@ -1,6 +1,6 @@
 """A printed tube as a scene describes it: shape, voxel map of two materials, loads."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -42,17 +42,23 @@ class Pattern:
     folder. helix: (i - j) mod period < width, a right-handed wrap, which twists clockwise as seen from
     +z; strip: i < width; rings: j mod period < width; bender: strip and rings together; uniform: nowhere.
     graded: the helix without an edge, the logarithm of c1 a cosine of i - j from the soft material's
-    to the stiff one's: of no printable set.
+    to the stiff one's: of no printable set. rows: as drawn, a text for each ring from the base, its letters
+    anticlockwise from x, "a" soft and "b" stiff.
     """
 
     soft: str = "Agilus30"
     stiff: str = "FLX9785"
-    pattern: str = option("uniform", choices=("uniform", "helix", "strip", "rings", "bender", "graded"))
+    pattern: str = option("uniform", choices=("uniform", "helix", "strip", "rings", "bender", "graded", "rows"))
     period: int = option(16, least=1)
     width: int = option(4, least=0)
+    rows: tuple[str, ...] = ()
 
     def stiff_voxels(self, around: int, along: int) -> NDArray[np.bool_]:
-        """Return which voxels are stiff (around, along)."""
+        """Return which voxels are stiff (around, along). Raises BadInput for rows of other voxels."""
+        if (self.pattern == "rows") != bool(self.rows):
+            raise BadInput("map, rows", f"has {len(self.rows)}, pattern {self.pattern!r}", 'they are for "rows"')
+        if self.rows:
+            return _drawn(self.rows, around, along)
         i, j = np.indices((around, along))
         strip, rings = i < self.width, j % self.period < self.width
         found = {
@@ -75,6 +81,21 @@ class Pattern:
         i, j = np.indices((around, along))
         share = (1 + np.cos(2 * np.pi * (i - j) / self.period)) / 2
         return np.asarray(soft * (stiff / soft) ** share)
+
+
+def _drawn(rows: tuple[str, ...], around: int, along: int) -> NDArray[np.bool_]:
+    for number, row in enumerate(rows):
+        if len(row) != around or set(row) - {"a", "b"}:
+            raise BadInput(f"map, rows[{number}]", f"is {row!r:.80}", f"expected {around} letters a and b")
+    if len(rows) != along:
+        raise BadInput("map, rows", f"has {len(rows)} rings", f"expected {along}")
+    return np.array([[letter == "b" for letter in row] for row in rows]).T
+
+
+def drawn(pattern: Pattern, stiff: NDArray[np.bool_]) -> Pattern:
+    """Return the map of a pattern's materials in which these voxels (around, along) are stiff."""
+    rows = tuple("".join("ab"[int(one)] for one in ring) for ring in stiff.T)
+    return Pattern(soft=pattern.soft, stiff=pattern.stiff, pattern="rows", rows=rows)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,6 +138,16 @@ def build(shape: Shape, pattern: Pattern, path: Path) -> "Tube":
         order=1 if shape.nodes == "8" else 2,
         newton=Newton(tolerance=path.tolerance),
     )
+
+
+def otherwise(tube: "Tube", stiff: NDArray[np.bool_], soft_factor: float, stiff_factor: float) -> "Tube":
+    """Return a tube whose two materials, told apart by `stiff` (around, along), are stiffer by these factors."""
+    from fem.material import scaled
+
+    material = np.empty_like(tube.material)
+    for voxel, law in np.ndenumerate(tube.material):
+        material[voxel] = scaled(law, stiff_factor if stiff[voxel] else soft_factor)
+    return replace(tube, material=material)
 
 
 def inflated(shape: Shape, pattern: Pattern, path: Path) -> "Inflation":

@@ -5,13 +5,13 @@ tube its outline; both see an LED, each has a clock of its own. All of it is sim
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from catheter.inflatable import Path, Pattern, Shape, build
+from catheter.inflatable import Path, Pattern, Shape, build, otherwise
 from data.errors import BadInput
 from data.options import check, option
 from data.signal import Array
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from fem.tube import Inflation
     from vision.fit import Picture
 
+TOPICS = ("/pressure", "/led", "/camera/top", "/camera/side")  # of its recording
 STEPS = 48  # equilibria along the ramp; between them a cubic spline
 MARKER_SHARE = 0.39  # the pitch over the top picture's side
 LED = (3, 3, 10, 10)  # x, y, width, height [px] of the light in either picture
@@ -197,12 +198,7 @@ def printed_run(
 
     Raises BadInput for what makes no tube, DidNotConverge where the ramp goes beyond the limit point.
     """
-    from fem.material import scaled
-
-    tube = build(shape, pattern, Path())
-    stiff = pattern.stiff_voxels(*shape.voxels)
-    material = np.empty_like(tube.material)
-    for voxel, law in np.ndenumerate(tube.material):
-        material[voxel] = scaled(law, made.stiff if stiff[voxel] else made.soft)
-    run = replace(tube, material=material).inflate(ramp.most * np.arange(1, STEPS + 1) / STEPS)
+    stiff = pattern.stiff_voxels(shape.voxels[0], shape.voxels[1])
+    tube = otherwise(build(shape, pattern, Path()), stiff, made.soft, made.stiff)
+    run = tube.inflate(ramp.most * np.arange(1, STEPS + 1) / STEPS)
     return PrintedRun(run=run, ramp=ramp, cameras=cameras, gauge=gauge)

@@ -62,9 +62,19 @@ class Redesign:
         """Return the twist of an equilibrium [rad], anticlockwise as seen from beyond the tip."""
         return _twist(self.case.voxels, standing)
 
-    def twists(self, moduli: Array, pressures: Array) -> Array:
-        """Return the twist (k,) [rad] of a map (v,) [Pa] at rising pressures (k,) [Pa]."""
-        return np.array([self.twist(one) for one in self.case.voxels.path(np.log(moduli), pressures.tolist())])
+    @property
+    def rows(self) -> tuple[tuple[str, float, Printed], ...]:
+        """What each of the three is, the pressure it is under [Pa], and what it does."""
+        return (
+            ("as printed, at the design's pressure", self.case.whole[0].state.load, self.before),
+            ("as printed, at a pressure that twists as designed", self.pressure_pa, self.driven),
+            ("voxels chosen anew, at that pressure", self.pressure_pa, self.after),
+        )
+
+    @property
+    def changed(self) -> int:
+        """How many voxels are of the other material."""
+        return int((self.after.chosen != self.before.chosen).sum())
 
 
 def _twist(voxels: Voxels, standing: Standing) -> float:

@@ -19,6 +19,7 @@ from data.signal import Array
 if TYPE_CHECKING:
     from fem.continuation import Point
     from fem.equilibrium import System
+    from fem.grid import Mesh
     from fem.tube import Inflation, Tube
     from sysid.accumulator import AccumulatorFit
 
@@ -41,7 +42,8 @@ class Response:
     """Equilibria in order of pressure, and splines between them.
 
     pressure (n,) [Pa]; twist, bending [rad], extension [m], volume [m^3] by name (n,). error: the
-    largest twist by which a spline missed an equilibrium that was then added [rad].
+    largest twist by which a spline missed an equilibrium that was then added [rad]. shapes: the positions
+    (n, nodes, 3) [m] of the nodes of `mesh`.
     """
 
     pressure: Array
@@ -50,6 +52,8 @@ class Response:
     error: float
     solver: str
     iterations: int
+    shapes: tuple[Array, ...]
+    mesh: "Mesh"
 
     @cached_property
     def _splines(self) -> dict[str, Any]:
@@ -64,6 +68,16 @@ class Response:
             found = f"{sound.min() / 1e3:g} to {sound.max() / 1e3:g} kPa"
             raise BadInput("pressure", found, f"solved {self.pressure[0] / 1e3:g} to {self.pressure[-1] / 1e3:g} kPa")
         return np.asarray(self._splines[name](pressure))
+
+    @cached_property
+    def _positions(self) -> Any:
+        from scipy.interpolate import CubicSpline
+
+        return CubicSpline(self.pressure, np.stack(self.shapes))
+
+    def shape(self, pressure: Array) -> Array:
+        """Return the nodes' positions (m, nodes, 3) [m] at pressures (m,) [Pa], those of the nearest end beyond it."""
+        return np.asarray(self._positions(np.clip(pressure, self.pressure[0], self.pressure[-1])))
 
 
 @dataclass
@@ -141,7 +155,9 @@ def _response(curve: _Curve, error: float) -> Response:
     turns = np.unwrap(values["twist"])
     values["twist"] = turns - turns[np.argmin(np.abs(run.pressure))]
     rest = float(run.volume[np.argmin(np.abs(run.pressure))])
-    return Response(run.pressure, values, rest, error, run.solver, int(run.iterations.sum()))
+    shapes = tuple(point.x for point in run.points)
+    iterations = int(run.iterations.sum())
+    return Response(run.pressure, values, rest, error, run.solver, iterations, shapes, run.system.body.mesh)
 
 
 @dataclass(frozen=True, eq=False)

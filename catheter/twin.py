@@ -89,6 +89,15 @@ def twin(
     if not sound.size:
         raise BadInput(pressure.name, "has no number", "name another topic")
     found = respond(tube, float(sound.min()), float(sound.max()), fineness, progress)
+    return beside(found, pressure, measured, options=chosen)
+
+
+def beside(
+    found: Response, pressure: Signal, measured: Signal | None = None, *, options: Twinning | None = None
+) -> Twin:
+    """Return a tube's response to a recorded pressure [Pa], beside a measured twist [rad], as `twin` does."""
+    chosen = options or Twinning()
+    load = pressure.value - chosen.ambient
     twist = found.at(load)
     at, value = (measured.time_s, measured.value) if measured is not None else (np.empty(0), np.empty(0))
     there = found.at(Signal(pressure.time_s, load, "Pa").at(at - chosen.lag))

@@ -3,6 +3,7 @@
 import difflib
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 
 class CatheterError(Exception):
@@ -20,6 +21,10 @@ class BadInput(CatheterError):
         self.place, self.found, self.expected = str(place), found, expected
         super().__init__(f"{place}: {found}" + (f"; {expected}" if expected else ""))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Say how it is made anew in the process that asked for the work: from its parts, not from its sentence."""
+        return type(self), (self.place, self.found, self.expected), self.__dict__
+
 
 class DamagedRecording(BadInput):
     """A recording whose bytes are not the bytes that were written."""
@@ -35,6 +40,10 @@ class CannotWrite(CatheterError):
     def __init__(self, path: Path | str, reason: str) -> None:
         self.path, self.reason = Path(path), reason
         super().__init__(f"{path}: {reason}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Say how it is made anew in another process."""
+        return type(self), (self.path, self.reason), self.__dict__
 
 
 class RecordingCut(UserWarning):

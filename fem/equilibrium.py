@@ -100,7 +100,8 @@ class Tangent(Balance):
     def solve(self, right: Array) -> Array:
         """Return the unknowns (k, m) for right-hand sides (k, m)."""
         free = len(self.coupling)
-        first = self.factor.solve(right[:free])
+        with solver.one_thread():
+            first = self.factor.solve(right[:free])
         cap = np.linalg.solve(self.schur, right[free:] - self.coupling.T @ first)
         return np.vstack([first - self.solved @ cap, cap])
 
@@ -314,13 +315,14 @@ class System:
         if self.dead is not None:
             slope -= self.dead
         matrix, beside, cap = self._parts(forces.stiffness)
-        if self.method == solver.RINGS:
-            factor: solver.Factor = solver.BlockTridiagonal(matrix, self._ends, self._spare)
-        else:
-            factor = solver.SuperLU(matrix, symmetric=self.method == solver.SPARSE)
         moves, tied = self._cap(state.x), self.body.mesh.tied
         coupling = beside @ moves
-        solved = factor.solve(coupling) if moves.shape[1] else coupling
+        with solver.one_thread():
+            if self.method == solver.RINGS:
+                factor: solver.Factor = solver.BlockTridiagonal(matrix, self._ends, self._spare)
+            else:
+                factor = solver.SuperLU(matrix, symmetric=self.method == solver.SPARSE)
+            solved = factor.solve(coupling) if moves.shape[1] else coupling
         schur = moves.T @ (cap @ moves) - coupling.T @ solved
         if len(tied):
             turns = np.eye(6)[3:] if self.symmetry is None else self.symmetry.cap[3:]

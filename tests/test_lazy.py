@@ -46,12 +46,6 @@ def loaded(code: str) -> set[str]:
             "r = Replay(Recording(SHIPPED)); r.signals; r.title",
             {"numba", "scipy"},  # the reader's compiled loops
         ),
-        (
-            "from catheter.lab.replay import Replay; from data.recording import Recording\n"
-            "from catheter.lab.recording_commands import SHIPPED\n"
-            "Replay(Recording(SHIPPED)).models",
-            {"numba", "scipy", "pint"},
-        ),
     ],
 )
 def test_only_what_is_needed_is_loaded(code: str, allowed: set[str]) -> None:
@@ -74,6 +68,7 @@ SCENES = {  # every package, the project's and others', that reading a shipped s
     **dict.fromkeys(INVERSE, OPTIONS | PINT | {"fem", "numba", "llvmlite"}),
     "locomotion": OPTIONS | PINT,
     "printed": OPTIONS | PINT,
+    "printed_again": OPTIONS | PINT,
     "ramp": BENCH,
     "renal_balloon": OPTIONS | PINT,
     "renal_spiral": OPTIONS | PINT,
@@ -97,6 +92,7 @@ OWN = {  # and the modules of the robot it loads: no scene knows what another is
     **{name: {"inflatable", "reconstruction"} for name in INVERSE},
     "invert_spiral": SHAPE | {"inflatable", "reconstruction", "reach"},
     "printed": {"inflatable", "printed_bench"},
+    "printed_again": {"inflatable", "printed_bench"},
     "renal_balloon": SHAPE,
     "renal_spiral": SHAPE,
     "robot": WALK | {"end_effector", "gait", "inflatable", "locomotion", "response"},
@@ -126,6 +122,16 @@ def test_a_scene_loads_its_own_instruments_only() -> None:
         assert loaded_packages <= SCENES[name], name  # fewer where pint finds less installed
         assert loaded_packages & {"sysid", "vision", "fem"} == SCENES[name] & {"sysid", "vision", "fem"}, name
         assert own == OWN.get(name, OWN["accumulator"]), name
+
+
+def test_a_replay_loads_what_its_stages_need() -> None:
+    bender = loaded("from catheter.lab.cli import run; run(['replay', '--no-view'])")
+    assert bender & HEAVY <= {"numba", "scipy", "pint", "rich"}
+    assert not bender & {"fem", "vision"}
+    film = str(ROOT / "data" / "recordings" / "twist.mcap")
+    clocks = loaded(f"from catheter.lab.cli import run; run(['replay', {film!r}, '--until', 'clocks'])")
+    assert "vision" in clocks
+    assert not clocks & {"fem", "sysid", "rerun", "matplotlib"}
 
 
 def test_the_instruments_do_not_know_the_robot_nor_each_other() -> None:

@@ -9,7 +9,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from catheter.error_map import ErrorMap
     from catheter.lab.report import Row
+    from data.signal import Array
 
 # Okabe and Ito's colours without yellow, which white paper swallows: apart for colour-blind readers and in grey.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -49,6 +51,38 @@ def axes(
     for letter in log:
         getattr(made, f"set_{letter}scale")("log")
     return made
+
+
+def image(figure: "Figure", plot: "Axes", values: "Array", name: str, *, about_zero: bool = False) -> None:
+    """Draw the voxels (around, along) of a tube unwrapped, the base below, with a scale of colours beside.
+
+    about_zero: the scale holds at least 99 % of the voxels; those beyond are black.
+    """
+    from matplotlib import colormaps
+
+    plot.grid(visible=False)
+    if not about_zero:
+        figure.colorbar(plot.imshow(values.T, origin="lower", aspect="auto"), ax=plot, label=name)
+        return
+    sizes = sorted(abs(float(value)) for value in values.ravel())
+    reach = min(1.5 * sizes[int(0.99 * (len(sizes) - 1))], sizes[-1]) or sizes[-1] or 1.0
+    colours = colormaps["coolwarm"].with_extremes(under="black", over="black")
+    drawn = plot.imshow(values.T, origin="lower", aspect="auto", cmap=colours, vmin=-reach, vmax=reach)
+    figure.colorbar(drawn, ax=plot, label=name, extend="both" if sizes[-1] > reach else "neither")
+
+
+def draw_errors(figure: "Figure", errors: "ErrorMap", at: tuple[int, int, int]) -> None:
+    """Draw the three maps of thesis Fig. 6.18 side by side; at: (rows, columns, number of the first)."""
+    values = (
+        ("modulus", "%", 100 * errors.modulus),
+        ("displacement", "mm", 1e3 * errors.displacement),
+        ("Green-Lagrange strain", "1", errors.strain),
+    )
+    for number, (name, unit, value) in enumerate(values, start=at[2]):
+        most = f"{float(abs(value).max()):.3g}" + (f" {unit}" if unit != "1" else "")
+        title = f"error: {name}, {most} at most"
+        plot = axes(figure, ("voxel around", ""), ("voxel along", ""), at=(at[0], at[1], number), title=title)
+        image(figure, plot, value, label(name, unit), about_zero=name == "modulus")
 
 
 def label(name: str, unit: str) -> str:

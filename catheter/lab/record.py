@@ -12,6 +12,7 @@ from catheter.bench import Run, simulate
 from catheter.bench_runs import BenchRun
 from catheter.lab.scene import Scene
 from data.errors import BadInput
+from data.options import parse_toml, to_toml
 from data.recorder import Recorder
 from data.signal import Signal
 from data.topics import STANDARD, standard
@@ -63,6 +64,32 @@ def record(scene: Scene, out: Path, *, overwrite: bool = False) -> "Run | BenchR
     return run
 
 
+def with_map(scene: Scene, name: str) -> Scene:
+    """Return a printed actuator's scene with the voxels of a map, shipped or a .toml file.
+
+    Raises BadInput for a map of another tube, or of other materials than two.
+    """
+    from catheter.inflatable import Pattern, drawn
+    from fem.material import printable
+    from fem.voxel_map import load_map
+
+    if scene.heading.kind != "printed":
+        raise BadInput("--map", f"is given for a {scene.heading.kind} scene", "a printed actuator has a map")
+    made, shape = load_map(name), scene.tables["tube"]
+    sizes = {key: getattr(made.sizes, key) for key in ("length", "outer_radius", "wall")}
+    if made.voxels.shape != tuple(shape.voxels) or any(abs(getattr(shape, k) - v) > 1e-9 for k, v in sizes.items()):
+        raise BadInput(f"map {name}", f"has {made.voxels.shape} voxels, {sizes} m", f"the scene's tube is {shape}")
+    soft_first = sorted(made.materials, key=lambda one: printable(one).c1)
+    if len(soft_first) != 2:
+        raise BadInput(f"map {name}", f"has {len(soft_first)} materials", "expected two")
+    stiff = made.voxels == made.materials.index(soft_first[1])
+    pattern = drawn(Pattern(soft=soft_first[0], stiff=soft_first[1]), stiff)
+    tables = parse_toml(scene.text, "scene")
+    kept = {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(pattern).items()}
+    tables["map"] = {key: kept[key] for key in ("soft", "stiff", "pattern", "rows")}
+    return Scene.parse(to_toml(tables), f"scene with map {name}")
+
+
 def _origin(scene: Scene) -> dict[str, str]:
     return {
         "kind": "simulated",
@@ -101,7 +128,7 @@ def _record_printed(scene: Scene, out: Path, overwrite: bool) -> "PrintedRun":
     """Record a printed actuator: pressure and light on the bench's clock, each camera's frames on its own."""
     import cv2
 
-    from catheter.printed_bench import printed_run
+    from catheter.printed_bench import TOPICS, printed_run
 
     tables = scene.tables
     run = printed_run(
@@ -111,7 +138,7 @@ def _record_printed(scene: Scene, out: Path, overwrite: bool) -> "PrintedRun":
     truth = {f"print.{name}": repr(value) for name, value in asdict(tables["print"]).items()}
     truth |= {f"cameras.{name}": repr(getattr(run.cameras, name)) for name in ("top_offset", "side_offset")}
     with Recorder(out, _origin(scene), scene=scene.text, truth=truth, flush_s=None, replace=overwrite) as recorder:
-        for name in ("/pressure", "/led", "/camera/top", "/camera/side"):
+        for name in TOPICS:
             recorder.add(replace(standard(name), note="simulated"))
         times, states = run.led
         recorder.write_signals(

@@ -2,10 +2,12 @@
 
 import argparse
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from catheter.lab.dashboard import quiet, take
+from catheter.lab.loop_stages import LAST, STAGES
 from catheter.lab.outcome import Outcome, progress, table
 from data.errors import BadInput
 from data.files import check_free, check_inputs, fresh, unused
@@ -14,6 +16,7 @@ from data.units import UNDOCUMENTED
 if TYPE_CHECKING:
     from catheter.lab.replay import LoopFamily, Replay
     from catheter.lab.scene import Scene
+    from data.recording import Recording
 
 SHIPPED = Path(__file__).parents[2] / "data" / "recordings" / "bender.mcap"
 
@@ -29,6 +32,11 @@ def replay_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--picture", metavar="FILE.png", help="also save a picture of the dashboard")
     parser.add_argument("--no-view", action="store_true", help="print the results only")
     parser.add_argument("--force", action="store_true", help="overwrite the outputs")
+    film = parser.add_argument_group("for a filmed, printed actuator (as data/recordings/twist.mcap)")
+    film.add_argument("--until", choices=STAGES, default=LAST, help="the stage to stop after (default: the last)")
+    film.add_argument("--again", metavar="FILE.mcap", help="the film of the actuator printed from the new design")
+    film.add_argument("--print", metavar="DIR", help="map, print files and picture of the new design")
+    film.set_defaults(scene=None)
 
 
 def check_options(parser: argparse.ArgumentParser) -> None:
@@ -52,6 +60,7 @@ def record_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", help="a shipped scene (such as bender or chirp), or a .toml file")
     parser.add_argument("--out", metavar="FILE.mcap", required=True, help="the recording to write")
     parser.add_argument("--pwm", metavar="FILE.csv", help="also write time and PWM for the bench's Arduino")
+    parser.add_argument("--map", metavar="MAP.toml", help="of a printed actuator: the voxels, instead of the scene's")
     parser.add_argument("--force", action="store_true", help="overwrite the output")
 
 
@@ -71,6 +80,10 @@ def replay_(options: argparse.Namespace) -> Outcome:
     if picture and picture.absolute() == out.absolute():
         raise BadInput("--picture", f"is {picture}, as --out", "name two files")
     with Recording(source) as recording:
+        if _is_film(options, recording):
+            from catheter.lab.redesign_command import replayed_film
+
+            return replayed_film(options, source, out, picture)
         replayed = Replay(recording, _ask(options, recording))
         with progress("signals, loops, models") as advance:
             for done, stage in enumerate(("signals", "loops", "models"), start=1):
@@ -85,6 +98,25 @@ def replay_(options: argparse.Namespace) -> Outcome:
             if picture:
                 take(outcome, out, picture, force=options.force)
     return outcome
+
+
+def _is_film(options: argparse.Namespace, recording: "Recording") -> bool:
+    """Return whether a recording is the film of a printed actuator, and nobody asks for other signals of it.
+
+    Raises BadInput for options that only such a film has an answer to.
+    """
+    from catheter.lab.scene import Scene
+    from catheter.printed_bench import TOPICS
+
+    asked = bool(options.response or options.input or options.others or options.split)
+    found = False
+    if not asked and set(TOPICS) <= recording.channels.keys() and recording.scene:
+        with suppress(BadInput):  # of a scene that cannot be read, the other replay says what is wrong
+            found = {"tube", "map"} <= Scene.parse(recording.scene, str(recording.path)).tables.keys()
+    if not found and (options.again or options.print or options.until != LAST):
+        what = f"{recording.path.name} is replayed as signals"
+        raise BadInput("--again, --print, --until", what, "they are for the film of a printed actuator")
+    return found
 
 
 def _ask(options: argparse.Namespace, recording: Any) -> Any:
@@ -252,12 +284,14 @@ def import_(options: argparse.Namespace) -> Outcome:
 
 def record_(options: argparse.Namespace) -> Outcome:
     """Simulate and record a scene."""
-    from catheter.lab.record import record
+    from catheter.lab.record import record, with_map
     from catheter.lab.scene import Scene
 
     out = Path(options.out)
     check_inputs(out, Path(options.scene))
     scene = Scene.load(options.scene)
+    if options.map:
+        scene = with_map(scene, options.map)
     parts = [_pwm(scene, Path(options.pwm), options.force)] if options.pwm else []
     run = record(scene, out, overwrite=options.force)
     return Outcome(

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from catheter.lab.plot import COLOURS, axes
+from catheter.error_map import error_map
+from catheter.lab.plot import COLOURS, axes, draw_errors, image
 from catheter.lab.scene import Scene
 from catheter.lab.thesis.entries import AGREES, DIFFERS, Entry, Figure, Section, told
 from catheter.reconstruction import Case, discretised, solved, tube_case
@@ -148,12 +149,7 @@ def _draw_body(plot: Any, case: Case, x: Array, moduli: Array, title: str) -> No
 
 def _map(case: Case, moduli: Array, figure: Any) -> None:
     plot = axes(figure, ("voxel around", ""), ("voxel along", ""))
-    _image(figure, plot, MPA * moduli.reshape(case.grid), "c1 MPa")
-
-
-def _image(figure: Any, plot: Any, values: Array, name: str) -> None:
-    plot.grid(visible=False)
-    figure.colorbar(plot.imshow(values.T, origin="lower", aspect="auto"), ax=plot, label=name)
+    image(figure, plot, MPA * moduli.reshape(case.grid), "c1 MPa")
 
 
 def _dithering(figure: Any) -> None:
@@ -164,34 +160,11 @@ def _dithering(figure: Any) -> None:
         (("graded", moduli), ("dithered to two", np.array(levels)[dithered(moduli, levels)])), start=1
     ):
         plot = axes(figure, ("voxel around", ""), ("voxel along", ""), at=(1, 2, at), title=title)
-        _image(figure, plot, MPA * values, "c1 MPa")
+        image(figure, plot, MPA * values, "c1 MPa")
 
 
 def _errors(case: Case, printed: Printed, figure: Any) -> None:
-    true, found = case.whole[-1], printed.standings[-1]
-    body, part = case.voxels.system.body, case.voxels.mesh.part
-    apart = np.linalg.norm(found.state.x - true.state.x, axis=1)[case.voxels.mesh.hexes].max(axis=1)
-    strains = [_strain(body.deformation(one.state.x)) for one in (true, found)]
-    strain = np.linalg.norm(strains[1] - strains[0], axis=(-2, -1)).max(axis=1)
-    values = (
-        ("modulus, %", 100 * (np.exp(found.log) / case.truth - 1)),
-        ("displacement, mm", MM * _most(apart, part, case)),
-        ("Green-Lagrange strain", _most(strain, part, case)),
-    )
-    for at, (title, value) in enumerate(values, start=1):
-        plot = axes(figure, ("voxel around", ""), ("voxel along", ""), at=(1, 3, at), title=f"error: {title}")
-        _image(figure, plot, value.reshape(case.grid), "")
-
-
-def _strain(deformation: Array) -> Array:
-    return np.asarray((np.swapaxes(deformation, -1, -2) @ deformation - np.eye(3)) / 2)
-
-
-def _most(by_element: Array, part: Any, case: Case) -> Array:
-    """Return the largest value of each voxel's elements (v,)."""
-    found = np.zeros(case.voxels.count)
-    np.maximum.at(found, part[part >= 0], by_element[part >= 0])
-    return found
+    draw_errors(figure, error_map(case, printed.standings[-1]), (1, 3, 1))
 
 
 def _twists(case: Case, printed: Printed, figure: Any) -> None:

@@ -63,7 +63,7 @@ def _write(output: Output, replay: "Replay", clocks: Clocks, columns: Columns, s
     shape = picture_shape(len(families), len(replay.cameras))
     views.loops = [log_loops(stream, family, replay.signals, kind, shape) for family in families]
     left_out: list[str] = []
-    cameras = [log_camera(output, replay, topic, left_out, step) for topic in replay.cameras]
+    cameras = [log_camera(output, replay.recording, topic, left_out, step) for topic in replay.cameras]
     views.cameras = [view for view in cameras if view]
     views.signals = signal_plots(replay, columns, left_out)
     _models(replay, columns, views)
