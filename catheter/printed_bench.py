@@ -17,7 +17,7 @@ from data.options import check, option
 from data.signal import Array
 
 if TYPE_CHECKING:
-    from fem.tube import Inflation
+    from fem.tube import Inflation, Tube
     from vision.fit import Picture
 
 STEPS = 48  # equilibria along the ramp; between them a cubic spline
@@ -197,6 +197,12 @@ def printed_run(
 
     Raises BadInput for what makes no tube, DidNotConverge where the ramp goes beyond the limit point.
     """
+    run = as_printed(shape, pattern, made).inflate(ramp.most * np.arange(1, STEPS + 1) / STEPS)
+    return PrintedRun(run=run, ramp=ramp, cameras=cameras, gauge=gauge)
+
+
+def as_printed(shape: Shape, pattern: Pattern, made: Print) -> "Tube":
+    """Return the tube of a scene with the materials that the printer made. Raises BadInput for what makes no tube."""
     from fem.material import scaled
 
     tube = build(shape, pattern, Path())
@@ -204,5 +210,4 @@ def printed_run(
     material = np.empty_like(tube.material)
     for voxel, law in np.ndenumerate(tube.material):
         material[voxel] = scaled(law, made.stiff if stiff[voxel] else made.soft)
-    run = replace(tube, material=material).inflate(ramp.most * np.arange(1, STEPS + 1) / STEPS)
-    return PrintedRun(run=run, ramp=ramp, cameras=cameras, gauge=gauge)
+    return replace(tube, material=material)
