@@ -41,6 +41,11 @@ class Stand:
     place: Array
     samples: Array
 
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """Which markers were (m,)."""
+        return np.array(np.isfinite(self.place).all(axis=1), dtype=np.bool_)
+
 
 @dataclass(frozen=True, eq=False)
 class Marked:
@@ -84,9 +89,7 @@ class Marked:
             size = float(np.sqrt((moved[known] ** 2).mean()))
             few = np.median(1 / np.maximum(stand.samples, 1) + 1 / self.rest.samples)
             sd = float(np.hypot(self.noise * np.sqrt(few), size * stand.pressure_sd / stand.pressure))
-            found.append(
-                Seen(rows=rows[known], rest=mesh.nodes, target=moved[known], pressure=stand.pressure, sd=sd)
-            )
+            found.append(Seen(rows=rows[known], rest=mesh.nodes, target=moved[known], pressure=stand.pressure, sd=sd))
         return found
 
 
@@ -115,9 +118,11 @@ def marked(path: Path) -> Marked:
     still = STILL * float(np.nanmax(load))
     rests = [stand for stand in stands if abs(stand.pressure) <= still]
     if not rests:
-        raise BadInput(f"{path}, /pressure", f"no stretch within {still:.3g} Pa of 0", "begin at rest, without pressure")
+        raise BadInput(
+            f"{path}, /pressure", f"no stretch within {still:.3g} Pa of 0", "begin at rest, without pressure"
+        )
     rest, left_out = rests[0], list[str]()
-    kept = np.isfinite(rest.place).all(axis=1)
+    kept = rest.seen
     if not kept.all():
         left_out.append(f"not seen at rest: {_listed(names, ~kept)}")
     if kept.sum() < FEWEST:
@@ -130,11 +135,10 @@ def marked(path: Path) -> Marked:
     rest, *others = (_only(stand, kept) for stand in (rest, *_chosen(stands, still)))
     stands = []
     for stand in others:
-        seen_there = np.isfinite(stand.place).all(axis=1)
-        if not seen_there.all():
+        if not stand.seen.all():
             what = f"at {stand.pressure / 1e3:.4g} kPa, {stand.start_s:.2f} to {stand.end_s:.2f} s"
-            left_out.append(f"not seen {what}: {_listed(names[kept], ~seen_there)}")
-        stands += [stand] if seen_there.sum() >= FEWEST else []
+            left_out.append(f"not seen {what}: {_listed(names[kept], ~stand.seen)}")
+        stands += [stand] if stand.seen.sum() >= FEWEST else []
     if not stands:
         raise BadInput(
             f"{path}, {TOPIC}", f"no pressure but rest at which {FEWEST} markers are seen", "; ".join(left_out)
@@ -160,7 +164,7 @@ def _markers(seen: Signal, path: Path) -> tuple[NDArray[np.str_], Array]:
 
 def _stretches(time_s: Array, load: Array) -> list[slice]:
     """Return stretches in which the pressure, smoothed over a few samples, spans at most STILL of its highest."""
-    known = np.isfinite(load)
+    known = np.array(np.isfinite(load), dtype=np.bool_)
     smooth = np.convolve(np.where(known, load, 0.0), np.ones(LEAST), "same") / np.maximum(
         np.convolve(known, np.ones(LEAST), "same"), 1
     )

@@ -46,7 +46,7 @@ class Stairs:
         ends = self.hold + (self.rise + self.hold) * np.arange(len(self.levels))
         knots = np.stack([ends, ends + self.rise], axis=1).ravel()
         values = np.repeat([0.0, *self.levels], 2)[1:-1]
-        return np.interp(time_s, knots, values)
+        return np.asarray(np.interp(time_s, knots, values))
 
 
 @dataclass(frozen=True, kw_only=True)

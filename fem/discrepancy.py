@@ -79,7 +79,9 @@ def discrepant(  # noqa: PLR0917, as fem.inverse.reconstruct
         misfit = sought(weight, known[nearest][0].moduli)
     good = [key for key, (found, _) in known.items() if found.misfit <= level * (1 + NEAR)] or list(known)
     best, inversion = known[max(good)]
-    best = replace(best, history=tuple([*history, replace(best.history[-1], number=len(history), seconds=seconds)]))
+    if best.misfit != history[-1].misfit:  # a map's misfit is its history's last
+        history.append(replace(best.history[-1], number=len(history), seconds=seconds))
+    best = replace(best, history=tuple(history))
     tried_all = tuple((key, found.misfit) for key, (found, _) in known.items())
     return Discrepancy(replace(best, noise=level), inversion, level, tried_all)
 
