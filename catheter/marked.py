@@ -184,7 +184,7 @@ def _stretches(time_s: Array, load: Array) -> list[slice]:
 
 
 def _stand(time_s: Array, load: Array, place: Array) -> Stand:
-    good = np.isfinite(place).all(axis=2)
+    good = np.isfinite(place.sum(axis=2))
     counts = good.sum(axis=0)
     total = np.where(good[..., None], place, 0.0).sum(axis=0)
     mean = np.where(counts[:, None] >= min(LEAST, len(time_s)), total / np.maximum(counts, 1)[:, None], np.nan)
@@ -196,11 +196,10 @@ def _chosen(stands: list[Stand], still: float) -> list[Stand]:
     """Return the longest stretches above rest, at pressures apart from each other, ascending."""
     above = [stand for stand in stands if stand.pressure > still]
     most = max((stand.pressure for stand in above), default=0.0)
-    longest = max((stand.samples.max() for stand in above), default=0.0)
     found = list[Stand]()
     for stand in sorted(above, key=lambda one: -one.samples.max()):
         apart = all(abs(stand.pressure - one.pressure) > most / (2 * LEVELS) for one in found)
-        if apart and len(found) < LEVELS and stand.samples.max() >= longest / 4:
+        if apart and len(found) < LEVELS:
             found.append(stand)
     return sorted(found, key=lambda one: one.pressure)
 

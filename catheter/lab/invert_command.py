@@ -1,17 +1,19 @@
 """The command that inverts: a scene's wanted motion to a material map, or a recording to material constants."""
 
 import argparse
+import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from catheter.lab.invert_live import Sought, live, outputs, resumed
-from catheter.lab.invert_outcome import outcome_of
+from catheter.lab.invert_outcome import outcome_of, sure_of
 from catheter.lab.outcome import Outcome, table
 from data.errors import BadInput, CatheterError
 from data.recording import SIMULATED
 
 if TYPE_CHECKING:
+    from catheter.inverse_sweep import Job
     from catheter.lab.scene import Scene
     from catheter.reconstruction import Case
     from fem.inverse import Reconstruction
@@ -31,6 +33,11 @@ def invert_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--number", type=int, help="of the random streams of noise and seed")
     parser.add_argument("--out", metavar="MAP.npz", help="the map; an interrupted run is continued from it")
     parser.add_argument("--view", metavar="FILE.rrd", help="map unwrapped, shape on target, misfit curve")
+    parser.add_argument(
+        "--sweep", metavar="KEY=VALUES", action="append", default=[],
+        help="many runs, as number=0:10 or noise=0.001,0.01 (any key of [wanted]; again for a second axis)",
+    )  # fmt: skip
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes of a sweep (default: all)")
     parser.add_argument("--camera-noise", type=float, default=0.05, metavar="DEG", help="of a recorded twist")
     parser.add_argument("--pressure-noise", type=float, default=0.01, metavar="SHARE", help="of a recorded pressure")
     parser.add_argument("--force", action="store_true", help="begin anew and overwrite the outputs")
@@ -43,24 +50,26 @@ def invert_(options: argparse.Namespace) -> Outcome:
 
         return recorded(options)
     from catheter.lab.scene import Scene
+    from catheter.reconstruction import solved
 
     scene = Scene.load(options.source)
     if scene.heading.kind == "inverse-shape":
         from catheter.lab.invert_reach import reached
 
         return reached(options, scene)
-    case, scene = _case(options)
+    job = _job(options, scene)
+    if options.sweep:
+        from catheter.lab.invert_sweep import swept
+
+        return swept(options, scene, job)
+    case = job.case()
     out, view = outputs(options)
     seed = resumed(out, case.grid, options.force)
-    with live(Sought(scene.heading.title, SIMULATED, case.grid, case.whole[-1].state.x, case.truth), out, view) as (
-        tell,
-        _,
-    ):
-        found = _solved(case, scene, seed, tell)
-    inversion = scene.tables["inversion"]
-    outcome = outcome_of(
-        scene.heading.title, SIMULATED, case.problem, found, case.truth, case.variation, inversion, case.grid
-    )
+    sought = Sought(scene.heading.title, SIMULATED, case.grid, case.whole[-1].state.x, case.truth)
+    with live(sought, out, view) as (tell, shown):
+        found = solved(case, job.inversion, seed, tell)
+        known = sure_of(case.problem, found, case.variation, job.inversion, shown)
+    outcome = outcome_of(sought.title, SIMULATED, case.problem, found, case.truth, known, case.grid)
     outcome.parts += [f"Map: {out}"] if out else []
     palette = scene.tables.get("palette")
     printed = _printable(case, found, palette) if palette and palette.materials else {}
@@ -73,27 +82,20 @@ def invert_(options: argparse.Namespace) -> Outcome:
     return outcome
 
 
-def _case(options: argparse.Namespace, name: str = "") -> "tuple[Case, Scene]":
+def _job(options: argparse.Namespace, scene: "Scene") -> "Job":
+    """Return a scene's problem with what the command line says of it. Raises BadInput for another kind of scene."""
     from dataclasses import replace
 
-    from catheter.lab.scene import Scene
-    from catheter.reconstruction import cube_case, tube_case
+    from catheter.inverse_sweep import Job
 
-    scene = Scene.load(name or options.source)
+    tables = scene.tables
     if scene.heading.kind not in KINDS:
         raise BadInput(f"scene {options.source}", f"is a {scene.heading.kind} scene", "an inverse scene has a [wanted]")
-    wanted = scene.tables["wanted"]
     given = {key: getattr(options, key) for key in ("seed", "seen", "noise", "number")}
-    wanted = replace(wanted, **{key: value for key, value in given.items() if value is not None})
-    if scene.heading.kind == "inverse":
-        return tube_case(scene.tables["tube"], scene.tables["map"], wanted), scene
-    return cube_case(scene.tables["block"], wanted), scene
-
-
-def _solved(case: "Case", scene: "Scene", seed: Any, each: Any) -> "Reconstruction":
-    from catheter.reconstruction import solved
-
-    return solved(case, scene.tables["inversion"], seed, each)
+    wanted = replace(tables["wanted"], **{key: value for key, value in given.items() if value is not None})
+    if scene.heading.kind == "inverse-block":
+        return Job(body=tables["block"], wanted=wanted, inversion=tables["inversion"])
+    return Job(body=tables["tube"], pattern=tables["map"], wanted=wanted, inversion=tables["inversion"])
 
 
 def _printable(case: "Case", found: "Reconstruction", palette: Any) -> dict[str, dict[str, float | str]]:

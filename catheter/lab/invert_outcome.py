@@ -8,10 +8,26 @@ import numpy as np
 from catheter.lab.outcome import Outcome, table
 
 if TYPE_CHECKING:
+    from catheter.lab.views.inverse import InverseView
     from data.signal import Array
     from fem.inverse import Inversion, Problem, Reconstruction
+    from fem.uncertainty import Determined
 
 MOST_DENSE = 4096  # voxels whose dense curvature is made
+
+
+def sure_of(
+    problem: "Problem", found: "Reconstruction", variation: Any, inversion: "Inversion", view: "InverseView | None"
+) -> "Determined | None":
+    """Return what the data determine of a map, on the dashboard too; None: more voxels than a dense matrix is for."""
+    from fem.uncertainty import determined
+
+    if problem.voxels.count > MOST_DENSE:
+        return None
+    known = determined(problem, found, variation, inversion)
+    if view:
+        view.sure(known.sd)
+    return known
 
 
 def outcome_of(  # noqa: PLR0917
@@ -20,18 +36,15 @@ def outcome_of(  # noqa: PLR0917
     problem: "Problem",
     found: "Reconstruction",
     truth: "Array",
-    variation: Any,
-    inversion: "Inversion",
+    known: "Determined | None",
     grid: tuple[int, ...],
 ) -> Outcome:
     """Return what is said of a map: its history, errors beside the truth if it is known, and what the data determine.
 
-    kind: of the data; truth (v,) [Pa], empty: not known.
+    kind: of the data; truth (v,) [Pa], empty: not known; known: see `sure_of`.
     """
     from catheter.reconstruction import Quality
-    from fem.uncertainty import determined
 
-    known = determined(problem, found, variation, inversion) if problem.voxels.count <= MOST_DENSE else None
     quality = Quality.of(found.moduli, truth) if len(truth) else None
     unit = "noises" if problem.noisy else "of the largest value"
     history = [

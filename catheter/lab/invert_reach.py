@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 def reached(options: argparse.Namespace, scene: "Scene") -> Outcome:
     """Say how near a scene's shape is reached. Raises BadInput for options that are for other scenes."""
-    for name in ("seed", "seen", "noise", "number"):
-        if getattr(options, name) is not None:
+    for name in ("seed", "seen", "noise", "number", "sweep"):
+        if getattr(options, name) not in (None, []):
             raise BadInput(f"--{name}", "is given for a shape that is wanted", "set [reach] in the scene")
     out, view = outputs(options)
     goals = goals_of(scene)

@@ -26,8 +26,8 @@ def recorded(options: argparse.Namespace) -> Outcome:
     source = Path(options.source)
     for path in filter(None, (options.out, options.view)):
         check_inputs(Path(path), source)
-    for name in ("seed", "seen", "noise", "number"):
-        if getattr(options, name) is not None:
+    for name in ("seed", "seen", "noise", "number", "sweep"):
+        if getattr(options, name) not in (None, []):
             raise BadInput(f"--{name}", "is given for a recording", "it is for a scene; a recording says what was seen")
     return _mapped(options, source) if is_marked(source) else _calibrated(options, source)
 
@@ -35,7 +35,7 @@ def recorded(options: argparse.Namespace) -> Outcome:
 def _mapped(options: argparse.Namespace, source: Path) -> Outcome:
     """Reconstruct the map of the scene's tube from its markers."""
     from catheter.lab.invert_live import live, outputs, resumed
-    from catheter.lab.invert_outcome import outcome_of
+    from catheter.lab.invert_outcome import outcome_of, sure_of
     from catheter.lab.scene import recorded_scene
     from catheter.marked import marked
     from catheter.reconstruction import tube_voxels
@@ -53,12 +53,12 @@ def _mapped(options: argparse.Namespace, source: Path) -> Outcome:
     seed = resumed(out, grid, options.force)
     first = np.full(voxels.count, math.sqrt(inversion.least * inversion.most)) if seed is None else seed
     pairs = neighbours(grid, (True, False))
-    with live(_sought(scene, seen, grid, truth), out, view) as (tell, _):
+    with live(_sought(scene, seen, grid, truth), out, view) as (tell, shown):
         found = discrepant(voxels, observations, first, pairs, inversion, tell)
+        problem = Problem(voxels, list(observations))
+        known = sure_of(problem, found.found, pairs, found.inversion, shown)
     title = f"{source.name}: {voxels.count} moduli from {len(seen.names)} markers"
-    outcome = outcome_of(
-        title, seen.kind, Problem(voxels, list(observations)), found.found, truth, pairs, found.inversion, grid
-    )
+    outcome = outcome_of(title, seen.kind, problem, found.found, truth, known, grid)
     _say(outcome, seen, found)
     outcome.values |= {"view": options.view}
     outcome.parts += [f"Map: {out}"] if out else []

@@ -39,6 +39,7 @@ class InverseView:
         if len(sought.truth):
             self._stream.log("/truth", self._image(sought.truth), static=True)
             maps.append(rrb.TensorView(name=f"log10 modulus [MPa] that made the data, {kind}", origin="/truth"))
+        maps.append(rrb.TensorView(name=f"posterior sd of log modulus, at the end, {kind} data", origin="/sd"))
         shape_name = view_name("shape, found (orange) on wanted (grey)", "mm", kind)
         views = rrb.Grid(
             *maps,
@@ -70,10 +71,17 @@ class InverseView:
         self._points("found", one.shapes[-1], FOUND)
         self._output.settle(PENDING)
 
+    def sure(self, sd: Array) -> None:
+        """Add the posterior standard deviation of each log modulus (v,), as it is at the end."""
+        self._stream.log("/sd", self._tensor(sd, (0.0, float(sd.max()))))
+
     def _points(self, name: str, places: Array, colour: tuple[int, int, int, int]) -> None:
         self._stream.log(f"/shape/{name}", rr.Points3D(1e3 * places, colors=colour, radii=0.12))
 
     def _image(self, moduli: Array) -> rr.Tensor:
+        return self._tensor(np.log10(moduli / 1e6), (-1.3, 1.3))
+
+    def _tensor(self, values: Array, span: tuple[float, float]) -> rr.Tensor:
         shape = (self._sought.grid[0], int(np.prod(self._sought.grid[1:])))
-        values = np.log10(moduli.reshape(shape) / 1e6).T[::-1].astype(np.float32)  # the tip on top
-        return rr.Tensor(values, dim_names=("along, tip first", "around"), value_range=(-1.3, 1.3))
+        flat = values.reshape(shape).T[::-1].astype(np.float32)  # the tip on top
+        return rr.Tensor(flat, dim_names=("along, tip first", "around"), value_range=span)
