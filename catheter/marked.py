@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from catheter.inflatable import Shape
 from data.errors import BadInput
 from data.recording import SIMULATED, Recording
 from data.signal import Array, Signal
@@ -63,14 +64,16 @@ class Marked:
     truth: Array
     left_out: tuple[str, ...]
 
-    def observations(self, voxels: Voxels, wall: float) -> list[Seen]:
-        """Return the markers' displacements at each pressure as what is seen of a tube with a wall [m].
+    def observations(self, voxels: Voxels, shape: Shape) -> list[Seen]:
+        """Return the markers' displacements at each pressure as what is seen of a tube.
 
         Raises BadInput for markers that are not on its surface, naming the one that is farthest off.
         """
         mesh = voxels.mesh
         on = attached(mesh, self.rest.place)
-        out = np.flatnonzero(on.off > OFF * wall)
+        flat = shape.outer_radius * (1 - np.cos(np.pi / shape.divisions[0]))  # the mesh's faces, inside of the round
+        limit = OFF * shape.wall + flat
+        out = np.flatnonzero(on.off > limit)
         if len(out):
             worst = int(on.off.argmax())
             where = ", ".join(f"{1e3 * value:.2f}" for value in self.rest.place[worst])
@@ -78,7 +81,7 @@ class Marked:
                 f"{self.path}, {TOPIC}: {self.names[worst]}",
                 f"stands {1e3 * on.off[worst]:.3f} mm off the tube's surface, at ({where}) mm;"
                 f" {len(out)} of {len(self.names)} markers are off",
-                f"expected at most {1e3 * OFF * wall:.3f} mm, z along the tube from its held ring: is it another tube,"
+                f"expected at most {1e3 * limit:.3f} mm, z along the tube from its held ring: is it another tube,"
                 " or a moved frame?",
             )
         rows = on.rows.tocsr()

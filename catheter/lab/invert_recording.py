@@ -47,7 +47,7 @@ def _mapped(options: argparse.Namespace, source: Path) -> Outcome:
     shape, inversion = scene.tables["tube"], scene.tables.get("inversion", Inversion())
     seen, voxels = marked(source), tube_voxels(shape)
     grid = (shape.voxels[0], shape.voxels[1])
-    observations = seen.observations(voxels, shape.wall)
+    observations = seen.observations(voxels, shape)
     truth = seen.truth if len(seen.truth) == voxels.count else np.empty(0)
     out, view = outputs(options)
     seed = resumed(out, grid, options.force)
