@@ -25,7 +25,7 @@ def reached(options: argparse.Namespace, scene: "Scene") -> Outcome:
             raise BadInput(f"--{name}", "is given for a shape that is wanted", "set [reach] in the scene")
     out, view = outputs(options)
     goals = goals_of(scene)
-    first, file = goals[0], _File(out, goals[-1], tuple(one.q for one in goals), _known(out, goals, options.force))
+    first, file = goals[0], MapFile(out, goals, known_in(out, goals, options.force))
     now = first.q
     sought = Sought(scene.heading.title, SIMULATED, first.grid, first.x, np.empty(0))
     with live(sought, None, view) as (tell, shown):
@@ -62,11 +62,12 @@ def reached(options: argparse.Namespace, scene: "Scene") -> Outcome:
     return Outcome(values, [shown_rows, *found.notes, *more])
 
 
-class _File:
+class MapFile:
     """The map's file: at each pressure the number of the goal that is sought, and the map so far."""
 
-    def __init__(self, out: Path | None, last: "Goal", qs: tuple[float, ...], known: dict[float, Known]) -> None:
-        self.out, self.last, self.qs, self.known = out, last, qs, known
+    def __init__(self, out: Path | None, goals: "list[Goal]", known: dict[float, Known]) -> None:
+        self.out, self.grid, self.known = out, goals[0].grid, known
+        self.qs = tuple(one.q for one in goals)
         self.now: float | None = None
 
     def add(self, pressure: float, goal: "Goal", one: "Iteration") -> None:
@@ -85,7 +86,7 @@ class _File:
             self._end(self.now)
         keep(
             self.out,
-            grid=np.array(self.last.grid),
+            grid=np.array(self.grid),
             qs=np.array(self.qs),
             at_pa=np.array(list(self.known)),
             at_goal=np.array([one.goal for one in self.known.values()]),
@@ -100,7 +101,7 @@ class _File:
         self.known[pressure] = Known(one.goal, one.moduli, ended=True)
 
 
-def _known(out: Path | None, goals: "list[Goal]", force: bool) -> dict[float, Known]:
+def known_in(out: Path | None, goals: "list[Goal]", force: bool) -> dict[float, Known]:
     """Return what an interrupted run's file knows by pressure. Raises BadInput for one of another scene."""
     kept = kept_in(out, force)
     if kept is None:
