@@ -16,6 +16,8 @@ from fem.grid import EDGES, Indices, Mesh, faces, skin
 
 NEAR, TURNS = 9, 12  # elements tried for each place, and Newton steps towards it in each
 
+BESIDE = 1.1  # how far along the skin a place may be beside its element, whose half width is 1
+
 
 @dataclass(frozen=True, eq=False)
 class Attached:
@@ -49,7 +51,7 @@ def attached(mesh: Mesh, places: Array) -> Attached:
     off = np.linalg.norm(_mapped(corners, on, mesh.order) - wanted, axis=1).reshape(-1, near)
     best = off.argmin(axis=1)
     one = np.arange(len(places)) * near + best
-    inside = np.clip(parent[one], [-np.inf, -1.0, -1.0], [np.inf, 1.0, 1.0])
+    inside = np.clip(parent[one], [-np.inf, -BESIDE, -BESIDE], [np.inf, BESIDE, BESIDE])
     shape, _ = serendipity(SIGNS, EDGES, inside, mesh.order)
     return Attached(_rows(mesh, mesh.hexes[tried.ravel()[one]], shape), off[np.arange(len(places)), best])
 

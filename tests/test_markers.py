@@ -45,6 +45,8 @@ def test_what_is_attached_follows_every_affine_motion_and_says_how_far_off_it_is
     assert on.at(mesh.nodes @ turn.T + shift) == pytest.approx(places @ turn.T + shift, abs=1e-12)
     places[:, :2] *= 1.1
     assert attached(mesh, places).off == pytest.approx(0.5e-3, abs=1.1 * flat)
+    places[:, :2] *= 0.95 / 1.1
+    assert attached(mesh, places).off == pytest.approx(0.25e-3, abs=1.1 * flat)  # within the wall
     beyond = np.array([[5e-3, 0, 32.4e-3]])
     assert attached(mesh, beyond).off == pytest.approx([0.4e-3], rel=1e-3)
 
@@ -79,7 +81,7 @@ def test_a_recordings_markers_give_the_map(tmp_path: Path, capsys: pytest.Captur
     assert found["noise_m"] == pytest.approx(30e-6, rel=0.05)  # of some 10,000 values at rest
     assert found["pressures_pa"] == pytest.approx([20e3, 40e3], rel=2e-3)
     assert found["error"]["right"] >= 0.98
-    assert found["error"]["median"] < 0.02
+    assert found["error"]["median"] < 0.03
     assert found["misfit"] < 1.1
     with np.load(out) as kept:
         assert kept["moduli_pa"].reshape(8, 8) == pytest.approx(np.array(found["moduli_pa"]))
@@ -137,8 +139,12 @@ def test_hidden_markers_are_left_out_and_named(tmp_path: Path) -> None:
     seen = marked(written(tmp_path / "later.mcap", _hidden(1.3, 3, slice(4, 6))))
     assert len(seen.left_out) == 1
     assert "m5, m6" in seen.left_out[0]
-    rows = [len(one.target) for one in seen.observations(tube_voxels(SMALL), SMALL)]
-    assert rows == [3 * 34, 3 * 36]
+    voxels = tube_voxels(SMALL)
+    found = seen.observations(voxels, SMALL)
+    for one, hidden in zip(found, ([4, 5], []), strict=True):
+        there = np.delete(seen.rest.place, hidden, axis=0)
+        assert one.rows @ voxels.mesh.nodes.ravel() == pytest.approx(there.ravel(), abs=1e-12)
+        assert len(one.target) == there.size
 
 
 def _frame(shift: Array, after_s: float = -1.0) -> Change:
