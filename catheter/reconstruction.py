@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 SEEN = ("all", "outer", "markers", "centreline", "tip", "twist")
 SEEDS = ("uniform", "gap", "random")
-PARTS, POWER = 16, 4.0  # of the choice by mechanics: solves on the way, and how much the largest error counts
+POWER = 4.0  # of the errors whose mean the last swaps lower: the largest count
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -281,7 +281,7 @@ def discretised(case: Case, found: Reconstruction, palette: Palette) -> "Iterato
         except CatheterError as error:
             yield name, error
     try:
-        first = diffused(problem, start, moduli, parts=PARTS)
+        first = diffused(problem, start, moduli)
         yield "by mechanics", first
         yield "by mechanics, swapped", swapped(problem, first, moduli, rounds=palette.rounds, power=POWER)
     except CatheterError as error:
