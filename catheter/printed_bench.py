@@ -17,7 +17,7 @@ from data.options import check, option
 from data.signal import Array
 
 if TYPE_CHECKING:
-    from fem.tube import Inflation
+    from fem.tube import Inflation, Tube
     from vision.fit import Picture
 
 TOPICS = ("/pressure", "/led", "/camera/top", "/camera/side")  # of its recording
@@ -198,7 +198,11 @@ def printed_run(
 
     Raises BadInput for what makes no tube, DidNotConverge where the ramp goes beyond the limit point.
     """
-    stiff = pattern.stiff_voxels(shape.voxels[0], shape.voxels[1])
-    tube = otherwise(build(shape, pattern, Path()), stiff, made.soft, made.stiff)
-    run = tube.inflate(ramp.most * np.arange(1, STEPS + 1) / STEPS)
+    run = as_printed(shape, pattern, made).inflate(ramp.most * np.arange(1, STEPS + 1) / STEPS)
     return PrintedRun(run=run, ramp=ramp, cameras=cameras, gauge=gauge)
+
+
+def as_printed(shape: Shape, pattern: Pattern, made: Print) -> "Tube":
+    """Return the tube of a scene with the materials that the printer made. Raises BadInput for what makes no tube."""
+    stiff = pattern.stiff_voxels(*shape.voxels)
+    return otherwise(build(shape, pattern, Path()), stiff, made.soft, made.stiff)

@@ -8,6 +8,7 @@ an ideal shape, its twist and the sizes of its bore included, asks for more than
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from data.errors import BadInput, CatheterError, DidNotConverge
 from data.options import option
 from data.signal import Array
 from fem.grid import Indices
-from fem.inverse import Inversion, Problem, Reconstruction, reconstruct
+from fem.inverse import Inversion, Iteration, Problem, Reconstruction, reconstruct
 from fem.observation import Seen, centreline
 from fem.palette import Choice, binned, dithered, printed, swapped
 from fem.regular import neighbours
@@ -110,18 +111,24 @@ def goal(shape: Shape, actuator: Actuator, q: float, nu: float = 0.499) -> Goal:
     )
 
 
-def approach(
-    goals: Sequence[Goal], pressure: float, inversion: Inversion, tell: Callable[[Reached], None] | None = None
+def approach(  # noqa: PLR0917
+    goals: Sequence[Goal],
+    pressure: float,
+    inversion: Inversion,
+    tell: Callable[[Reached], None] | None = None,
+    each: Callable[[Goal, Iteration], None] | None = None,
+    seed: Array | None = None,
 ) -> list[Reached]:
     """Return the nearest found to each goal in turn at a pressure [Pa], from one modulus, then each from the last.
 
+    seed: a map (v,) [Pa] to begin from instead. tell and each take what is found, and every iteration.
     A goal farther than what is reached ends the search for it in bounded time. Raises DidNotConverge where no map
     in bounds bears the pressure.
     """
-    moduli = np.full(goals[0].voxels.count, np.sqrt(inversion.least * inversion.most))
+    moduli = np.full(goals[0].voxels.count, np.sqrt(inversion.least * inversion.most)) if seed is None else seed
     done = []
     for one in goals:
-        found = refined(one, pressure, moduli, inversion)
+        found = refined(one, pressure, moduli, inversion, each)
         moduli = found.found.moduli
         done.append(found)
         if tell:
@@ -129,10 +136,17 @@ def approach(
     return done
 
 
-def refined(one: Goal, pressure: float, moduli: Array, inversion: Inversion) -> Reached:
+def refined(
+    one: Goal,
+    pressure: float,
+    moduli: Array,
+    inversion: Inversion,
+    each: Callable[[Goal, Iteration], None] | None = None,
+) -> Reached:
     """Return the nearest found to a goal at a pressure [Pa] from a map (v,) [Pa]."""
-    pairs = neighbours(one.grid, (True, False))
-    return Reached(one, pressure, reconstruct(one.voxels, [one.seen(pressure)], moduli, pairs, inversion))
+    pairs, seen = neighbours(one.grid, (True, False)), [one.seen(pressure)]
+    tell = partial(each, one) if each else None
+    return Reached(one, pressure, reconstruct(one.voxels, seen, moduli, pairs, inversion, tell))
 
 
 def within(near: Reached, palette: Palette, inversion: Inversion) -> Reached:

@@ -118,3 +118,10 @@ def standard(name: str) -> Topic:
     if found is None:
         raise BadInput(f"topic {name!r}", "is not listed", f"{nearest(name, STANDARD)}; or make a Topic of your own")
     return found
+
+
+def markers(components: tuple[str, ...], *, note: str = "", rate_hz: float | None = None) -> Topic:
+    """Return the topic of markers' coordinates m1_x, m1_y, m1_z, m2_x ... in the base's frame."""
+    return Topic(
+        name="/markers", components=components, units=("m",) * len(components), frame="base", note=note, rate_hz=rate_hz
+    )

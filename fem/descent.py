@@ -64,7 +64,8 @@ def descend(  # noqa: PLR0917, as fem.inverse.reconstruct
         count += 1
         if progress:
             rms = float(np.sqrt((problem.misfit(known) ** 2).mean()))
-            progress(Iteration(count, time.perf_counter() - started, rms, weight, np.nan, log.copy()))
+            shapes = tuple(one.state.x for one in known)
+            progress(Iteration(count, time.perf_counter() - started, rms, weight, np.nan, log.copy(), shapes))
 
     log = np.clip(standings[0].log, low, high)
     limits = {"maxiter": 5 * options.most_iterations, "maxcor": 30, "ftol": 1e-15, "gtol": 1e-12}

@@ -59,6 +59,7 @@ class Iteration:
     """One linearisation: its number, the seconds until then, root mean square misfit, weight, largest log change.
 
     misfit is in noises where they are given, otherwise over the largest value seen; outliers count as in the search.
+    log (v,): the map's log moduli; shapes: where it puts the nodes (n, 3) at each pressure [m].
     """
 
     number: int
@@ -67,6 +68,7 @@ class Iteration:
     weight: float
     change: float
     log: Array = field(repr=False)
+    shapes: tuple[Array, ...] = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,7 +206,8 @@ class _Search(Problem):
             mean = float((self._robust(misfit) * misfit**2).mean())
             weight = self._weight(mean, min(1.0, len(misfit) / len(log)))
             seconds = time.perf_counter() - started
-            history.append(Iteration(number, seconds, mean**0.5, weight, change, log))
+            shapes = tuple(one.state.x for one in standings)
+            history.append(Iteration(number, seconds, mean**0.5, weight, change, log, shapes))
             progress(history[-1])
             if (mean <= EXACT and not self.noisy) or change <= SMALL_STEP or idle >= 2:
                 why = "explained" if mean <= max(EXACT, 2 * self.noise**2) else "settled"

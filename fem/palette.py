@@ -144,9 +144,13 @@ def swapped(
     palette: Sequence[float],
     *,
     rounds: int = 12,
+    power: float = 2.0,
     progress: Callable[[Printed], None] | None = None,
 ) -> Printed:
     """Return a choice whose simulated misfit is lower: swaps foreseen by the sensitivity, verified by solving.
+
+    The misfit is the power mean of all: 2 the root mean square, more minds the largest (in a round each counts by its
+    size: iteratively reweighted least squares).
 
     In each round the sensitivity at the present choice foretells what swaps do; they are taken one after
     another while they lower the foretold misfit, then all solved; if it did not fall, a quarter of them.
@@ -154,7 +158,8 @@ def swapped(
     levels, best, solved = checked(palette), first, first.solved
     for _ in range(rounds):
         misfit, slope = problem.misfit(best.standings), problem.slope(best.standings)
-        curvature, rise = slope.T @ slope, slope.T @ misfit
+        weight = (1 + misfit**2 / ((misfit**2).mean() or 1.0)) ** (power / 2 - 1)
+        curvature, rise = slope.T @ (weight[:, None] * slope), slope.T @ (weight * misfit)
         swaps = _foreseen(levels, best.chosen, curvature, rise)
         better = None
         while swaps and better is None:
@@ -164,7 +169,8 @@ def swapped(
             try:
                 solved += 1
                 trial = printed(problem, chosen, palette, best.standings)
-                better = trial if trial.misfit < best.misfit * (1 - 1e-6) else None
+                lower = _mean(problem.misfit(trial.standings), power) < _mean(misfit, power) * (1 - 1e-6)
+                better = trial if lower else None
             except DidNotConverge:
                 better = None
             swaps = swaps[: len(swaps) // 4]
@@ -174,6 +180,10 @@ def swapped(
         if progress:
             progress(best)
     return Printed(best.chosen, best.standings, best.misfit, best.largest, solved)
+
+
+def _mean(misfit: Array, power: float) -> float:
+    return float((np.abs(misfit) ** power).mean() ** (1 / power))
 
 
 def _foreseen(levels: Array, chosen: Choice, curvature: Array, rise: Array) -> list[tuple[int, int]]:

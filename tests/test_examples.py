@@ -68,3 +68,14 @@ def test_a_folder_of_videos_is_measured_in_parallel(tmp_path: Path, capsys: pyte
     assert numbers(r"turned ([\d.]+) deg", capsys.readouterr().out) == pytest.approx([24, 24], abs=0.1)
     table = np.genfromtxt(tmp_path / "out" / "b.csv", delimiter=",", skip_header=1, usecols=(0, 1))
     assert table[:, 1] == pytest.approx(angles, abs=2e-3)
+
+
+def test_a_map_is_sought_from_many_seeds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (ROOT / "data" / "scenes" / "invert_twist.toml").read_text(encoding="utf-8")
+    small = re.sub(r"\[32, 32(, 1)?\]", lambda found: f"[8, 8{found[1] or ''}]", text).replace('"32 mm"', '"16 mm"')
+    (tmp_path / "small.toml").write_text(small.replace("period = 16", "period = 4").replace("width = 4", "width = 1"))
+    with ThreadPoolExecutor(1) as pool:
+        example("inverse_sweep")["main"](str(tmp_path / "small.toml"), "3:5", pool)
+    told = capsys.readouterr().out
+    assert numbers(r"seed (\d+)", told) == [3, 4]
+    assert max(numbers(r"error ([\d.e+-]+)", told)) < 1e-6

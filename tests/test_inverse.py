@@ -1,15 +1,17 @@
 """Inverse design: exact sensitivities, maps recovered, noise, bounds, printable choices, constants calibrated."""
 
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import cache
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
 
 from catheter.calibrate import calibrate, groups, surrogate, twist_curve
 from catheter.inflatable import Pattern, Shape
-from catheter.reconstruction import Case, Cube, Quality, Wanted, cube_case, solved, sweep, tube_case
+from catheter.inverse_sweep import Job, sweep, varied
+from catheter.reconstruction import Case, Cube, Quality, Wanted, cube_case, solved, tube_case
 from data.errors import BadInput, DidNotConverge
 from fem.gap import bounded_least_squares, gap
 from fem.inverse import Inversion, reconstruct
@@ -199,6 +201,11 @@ def test_choice_by_mechanics_errs_less_than_binning() -> None:
     assert better.misfit <= 0.6 * nearest.misfit  # 64 voxels leave little to choose; 1,024 give 0.35
     again = printed(problem, better.chosen, SEVEN, None)  # solved anew from rest
     assert again.misfit == pytest.approx(better.misfit, rel=1e-6)
+    plain, even = (swapped(problem, nearest, SEVEN, power=power) for power in (2.0, 6.0))
+    left = [float((problem.misfit(one.standings) ** 6).mean()) for one in (even, plain)]
+    assert left[0] < 0.95 * left[1]  # each is the best by its own mean
+    assert plain.misfit < even.misfit
+    assert even.largest < plain.largest
 
 
 def test_the_thesis_method_descends_and_its_classes_are_two() -> None:
@@ -230,12 +237,25 @@ def test_constants_from_a_twist_curve_fall_into_their_intervals() -> None:
     assert hits.max() <= 198  # the 99 % band of 200 draws at 95 %
 
 
-def test_a_sweep_takes_an_executor() -> None:
-    wanteds = [replace(WANTED, number=k, seen="outer", noise=0.01) for k in range(2)]
-    with ThreadPoolExecutor(2) as pool:
-        there = sweep(SMALL, WRAP, wanteds, Inversion(most_iterations=3), pool)
-    here = sweep(SMALL, WRAP, wanteds, Inversion(most_iterations=3))
-    assert [one[0] for one in there] == [one[0] for one in here]
+def test_a_sweep_gives_in_other_processes_what_it_gives_here() -> None:
+    job = Job(body=SMALL, pattern=WRAP, wanted=WANTED, inversion=Inversion(most_iterations=2))
+    jobs = varied(job, ["seen=outer", "noise=0.01", "number=0:2"])
+    jobs.append(replace(job, wanted=replace(WANTED, seed="gap", outliers=1)))
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        there = list(sweep(jobs, pool))
+    here = list(sweep(jobs))
+    for one, other in zip(here[:2], there, strict=False):
+        assert one.quality == other.quality
+        assert one.iterations == other.iterations == 2
+    assert [run.wanted.number for run in there] == [0, 1, 0]
+    assert here[0].quality.largest != here[1].quality.largest  # another noise
+    assert here[2].failed == there[2].failed != ""
+    with pytest.raises(BadInput, match="did you mean 'number'"):
+        varied(job, ["numbr=0:2"])
+    with pytest.raises(BadInput, match="whole numbers"):
+        varied(job, ["number=0:x"])
+    with pytest.raises(BadInput, match="is -1"):
+        varied(job, ["noise=-1"])
 
 
 def test_what_cannot_be_is_refused_with_numbers() -> None:

@@ -2,18 +2,20 @@
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from catheter.centreline import Source, load
 from catheter.lab import cli
+from catheter.lab.invert_reach import MapFile, known_in
 from catheter.motions import Actuator, Motions, Spiral, build
 from catheter.reach import Goal, Made, Reach, approach, goal, pressed, printable, within
 from catheter.reconstruction import Palette
 from data.errors import BadInput
 from fem import tube_grid
-from fem.inverse import Inversion
+from fem.inverse import Inversion, Iteration
 
 MM = 1e-3
 ACTUATOR = Actuator(inner_radius=0.8 * MM, outer_radius=MM, divisions=(8, 8, 1), voxels=(8, 8))
@@ -81,3 +83,26 @@ def test_what_makes_no_approach_is_refused(capsys: pytest.CaptureFixture[str]) -
         Reach(qs=(0.5, 0.2))
     assert cli.run(["invert", "invert_spiral", "--noise", "0.1"]) == 2
     assert "--noise" in capsys.readouterr().err
+
+
+def test_an_interrupted_approach_goes_on_where_it_was(tmp_path: Path) -> None:
+    goals, inversion = [wish(0.1), wish(0.2)], Inversion(most_iterations=2)
+    out, told = tmp_path / "map.npz", list[tuple[float, float]]()
+    file = MapFile(out, goals, {})
+
+    def each(one: Goal, iteration: Iteration) -> None:
+        file.add(60e3, one, iteration)
+        told.append((one.q, iteration.misfit))
+        if len(told) == 4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        approach(goals, 60e3, inversion, each=each)
+    known = known_in(out, goals, force=False)[60e3]
+    assert (known.goal, known.ended) == (1, False)
+    assert [q for q, _ in told] == [0.1, 0.1, 0.1, 0.2]
+    again = approach(goals[known.goal :], 60e3, inversion, seed=known.moduli)
+    assert again[0].goal.q == 0.2
+    assert again[0].found.history[0].misfit == pytest.approx(told[-1][1], rel=1e-6)  # the map it was at
+    with pytest.raises(BadInput, match="another scene"):
+        known_in(out, goals[:1], force=False)

@@ -1,8 +1,9 @@
 """The study of a shape nobody has reached: how near the best map comes, and the best that could be printed."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from catheter.reach import Goal, Made, Off, Reached, approach, goal, pressed, pr
 from catheter.reconstruction import Palette
 from data.errors import BadInput, CatheterError
 from data.signal import Array
+from fem.inverse import Iteration
 from fem.palette import binned
 
 MM, MPA = 1e3, 1e-6
@@ -60,16 +62,39 @@ def _smaller(scene: Scene) -> Scene:
     return replace(scene, tables=tables)
 
 
-def studied(scene: Scene, progress: Progress, told: Callable[[str], None] | None = None) -> Study:
-    """Return what is found for a scene's wish. Raises BadInput for a scene without one."""
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What an interrupted study knew at a pressure: which goal it was at, its map (v,) [Pa], whether it ended."""
+
+    goal: int
+    moduli: Array
+    ended: bool
+
+
+def goals_of(scene: Scene) -> list[Goal]:
+    """Return a scene's wish and the nearer ones on the way to it. Raises BadInput for a scene without one."""
     from catheter.lab.shape_view import placed
 
     if scene.heading.kind != "inverse-shape":
         raise BadInput("scene", f"is a {scene.heading.kind} scene", "an inverse-shape scene has a [reach]")
-    tables = scene.tables
     vessel, motions = placed(scene)
-    shape, reach = build(vessel, tables["actuator"], motions), tables["reach"]
-    goals = [goal(shape, tables["actuator"], q, reach.nu) for q in reach.qs]
+    shape, reach = build(vessel, scene.tables["actuator"], motions), scene.tables["reach"]
+    return [goal(shape, scene.tables["actuator"], q, reach.nu) for q in reach.qs]
+
+
+def studied(
+    scene: Scene,
+    progress: Progress,
+    each: Callable[[float, Goal, Iteration], None] | None = None,
+    known: Mapping[float, Known] | None = None,
+) -> Study:
+    """Return what is found for a scene's wish. Raises BadInput for a scene without one.
+
+    each takes the pressure [Pa], the goal and every iteration towards it; known: by pressure, what an interrupted
+    study knew. What had ended is looked at once more, the rest goes on.
+    """
+    tables, goals = scene.tables, goals_of(scene)
+    reach = tables["reach"]
     last, total = goals[-1], len(goals) * len(reach.pressures) + 2
     started = time.perf_counter()
     rows = [_row("not inflated", last.off(last.voxels.mesh.nodes), f"q = {last.q:g}", 0.0)]
@@ -80,13 +105,13 @@ def studied(scene: Scene, progress: Progress, told: Callable[[str], None] | None
             nonlocal done
             done += 1
             progress(done / total)
-            seconds = near.found.seconds
-            rows.append(_row(f"map, {near.pressure / 1e3:g} kPa", near.off, _ended(near), seconds))
-            if told:
-                told(f"{near.pressure / 1e3:g} kPa, q {near.goal.q:g}: rms {MM * near.off.rms:.3f} mm, {seconds:.0f} s")
+            rows.append(_row(f"map, {near.pressure / 1e3:g} kPa", near.off, _ended(near), near.found.seconds))
 
+        begun = (known or {}).get(pressure)
+        inversion = replace(tables["inversion"], most_iterations=1) if begun and begun.ended else tables["inversion"]
+        left, seed = (goals[begun.goal :], begun.moduli) if begun else (goals, None)
         try:
-            ends.append(approach(goals, pressure, tables["inversion"], tell)[-1])
+            ends.append(approach(left, pressure, inversion, tell, partial(each, pressure) if each else None, seed)[-1])
         except CatheterError as error:
             rows.append(
                 Row(

@@ -15,9 +15,10 @@ from data.errors import BadInput
 from data.options import parse_toml, to_toml
 from data.recorder import Recorder
 from data.signal import Signal
-from data.topics import STANDARD, standard
+from data.topics import STANDARD, markers, standard
 
 if TYPE_CHECKING:
+    from catheter.marker_bench import MarkedRun
     from catheter.printed_bench import PrintedRun
 
 RUNS: dict[str, Callable[..., BenchRun]] = {
@@ -30,7 +31,7 @@ RUNS: dict[str, Callable[..., BenchRun]] = {
 }
 
 
-def record(scene: Scene, out: Path, *, overwrite: bool = False) -> "Run | BenchRun | PrintedRun":
+def record(scene: Scene, out: Path, *, overwrite: bool = False) -> "Run | BenchRun | PrintedRun | MarkedRun":
     """Simulate a scene and write its recording; the same scene gives the same bytes.
 
     Raises BadInput for a scene that is not simulated or an impossible one, CannotWrite for the output.
@@ -39,6 +40,8 @@ def record(scene: Scene, out: Path, *, overwrite: bool = False) -> "Run | BenchR
         return _record_run(scene, out, overwrite)
     if scene.heading.kind == "printed":
         return _record_printed(scene, out, overwrite)
+    if scene.heading.kind == "marked":
+        return _record_marked(scene, out, overwrite)
     if scene.heading.kind != "bender":
         raise BadInput(f"scene {scene.heading.title!r}", f"is a {scene.heading.kind} scene", "a bender can be recorded")
     run = simulate(*(scene.tables[name] for name in ("drive", "bench", "plant", "noise")))
@@ -151,6 +154,26 @@ def _record_printed(scene: Scene, out: Path, overwrite: bool) -> "PrintedRun":
             for stamp_s, picture in run.frames(camera):
                 jpeg = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, run.cameras.quality])[1].tobytes()
                 recorder.write_picture(f"/camera/{camera}", stamp_s, jpeg, "jpeg")
+    return run
+
+
+def _record_marked(scene: Scene, out: Path, overwrite: bool) -> "MarkedRun":
+    """Record a tube with markers: pressure, and the markers' places in the base's frame."""
+    from catheter.marker_bench import marked_run, printed_moduli
+
+    tables = scene.tables
+    body = tables["tube"], tables["map"], tables["print"]
+    run = marked_run(*body, stairs=tables["stairs"], markers=tables["markers"], gauge=tables["gauge"])
+    truth = {f"print.{name}": repr(value) for name, value in asdict(tables["print"]).items()}
+    truth["map.moduli_pa"] = " ".join(f"{value:.9g}" for value in printed_moduli(*body))
+    components = run.markers.components()
+    with Recorder(out, _origin(scene), scene=scene.text, truth=truth, flush_s=None, replace=overwrite) as recorder:
+        recorder.add(replace(standard("/pressure"), note="simulated", rate_hz=run.gauge.rate))
+        recorder.add(markers(components, note="simulated", rate_hz=run.markers.rate))
+        seen = Signal(run.seen_s, run.places, "m", frame="base", components=components, name="/markers")
+        recorder.write_signals(
+            {"/pressure": Signal(run.time_s, run.pressure_pa, "Pa", name="/pressure"), "/markers": seen}
+        )
     return run
 
 

@@ -75,6 +75,16 @@ TABLES: dict[str, dict[str, str]] = {
         "gauge": "catheter.printed_bench.Gauge",
         "ask": "data.ask.Ask",
     },
+    "marked": {
+        "tube": "catheter.inflatable.Shape",
+        "map": "catheter.inflatable.Pattern",
+        "print": "catheter.printed_bench.Print",
+        "stairs": "catheter.marker_bench.Stairs",
+        "markers": "catheter.marker_bench.Markers",
+        "gauge": "catheter.printed_bench.Gauge",
+        "inversion": "fem.inverse.Inversion",
+        "ask": "data.ask.Ask",
+    },
     "inverse": {
         "tube": "catheter.inflatable.Shape",
         "map": "catheter.inflatable.Pattern",
