@@ -40,6 +40,55 @@ unit = "N"
 response = "/force"
 input = "/stroke"
 """
+FITS = {  # what `fit` writes, and the commands that take it
+    "accumulator": """
+[fit]
+model = "accumulator"
+recording = "a.mcap"
+kind = "simulated"
+rmse = "141 Pa"
+rising = [0.99, 1.44]
+range = [0.99, 1.44]
+standard_errors = ["143 Pa", "1716 Pa", "6347 Pa", "7301 Pa"]
+[accumulator]
+coefficients = ["160180 Pa", "589355 Pa", "-1103497 Pa", "705801 Pa"]
+""",
+    "valve": """
+[fit]
+model = "valve"
+recording = "v.mcap"
+kind = "simulated"
+standard_error = "6.5e-10 m^3 Pa^-0.5 s^-1"
+[valve]
+coefficient = "3.05e-07 m^3 Pa^-0.5 s^-1"
+""",
+    "material": """
+[fit]
+model = "material"
+kind = "measured"
+law = "neo-Hooke"
+c1_low = "200000 Pa"
+c1_high = "208000 Pa"
+[material]
+name = "t"
+law = "neo-Hooke"
+elongation = 0.8
+c1 = "204000 Pa"
+""",
+}
+TUBE = """
+[scene]
+kind = "tube"
+title = "t"
+[tube]
+divisions = [4, 4, 1]
+voxels = [4, 4]
+[map]
+soft = "SOFT"
+pattern = "helix"
+period = 4
+width = 1
+"""
 NUMBERS = ("0", "-1", "1e308", "-1e308", "1e-308", "nan", "inf", "-inf", "1" + 400 * "0", "0x7fffffffffffffff", "true")
 TEXTS = ('""', '"\\u0000"', '"\\u001b[31m"', "[]", "{}", '"../../x"', '"1 furlong"', '"83 kPa"', '"1e400 m"', "[[1]]",
          '"\\U0001F9A0"', "1979-05-27", '"1 m"', '"-5 s"', "''")  # fmt: skip
@@ -305,6 +354,24 @@ def centreline(draw: Draw, folder: Path) -> list[str]:
     return ["shape", "renal_balloon", "--vessel", path]
 
 
+def fit(draw: Draw, folder: Path) -> list[str]:
+    """A fit, its text mangled, put to use; or a table of tensile tests to be fitted."""
+    kind = _pick(draw, (*FITS, "tests"))
+    if kind == "tests":
+        rows = [
+            f"1,{k},{e},{0.2 * (1 + k / 9) * (1 + e - (1 + e) ** -2):.5f}" for k in (0, 1) for e in np.arange(20) / 20
+        ]
+        text = mangled(draw, "plate,spec,strain,stress_MPa\n" + "\n".join(rows))
+        path = _write(folder / "in" / "t.csv", text.encode("utf-8", "replace"))
+        more = ["--specimen", "plate,spec", "--resamples", "5", "--out", str(folder / "out" / "o.toml")]
+        return ["fit", path, "--model", "material", *more]
+    path = _write(folder / "in" / "f.toml", mangled(draw, FITS[kind]).encode("utf-8", "replace"))
+    if kind == "material":
+        scene = _write(folder / "in" / "s.toml", TUBE.replace("SOFT", path).encode())
+        return ["inflate", scene, "--pressure", "1 kPa"]
+    return ["run", "locomotion", "--fit", f"{draw.integers(1, 4)}={path}"]
+
+
 FUZZED: dict[str, Callable[[Draw, Path], list[str]]] = {
     "damaged recordings": recording,
     "hostile recordings": hostile,
@@ -314,4 +381,5 @@ FUZZED: dict[str, Callable[[Draw, Path], list[str]]] = {
     "videos": video,
     "voxel maps": voxel_map,
     "centrelines": centreline,
+    "fits": fit,
 }
