@@ -296,7 +296,7 @@ def scene(draw: Draw, folder: Path) -> list[str]:
     if name == "cone":
         return ["valve", path]
     if 'kind = "shape"' in found[name]:
-        return ["shape", path]
+        return ["shape", path, "--q", "1"]
     if name == "twist":
         return ["inflate", path, "--pressure", "1 kPa"]
     return ["record", path, "--out", str(folder / "out" / "o.mcap")]
@@ -351,7 +351,7 @@ def centreline(draw: Draw, folder: Path) -> list[str]:
     ending = _pick(draw, tuple(texts))
     content = mangled(draw, texts[ending]).encode("utf-8", "replace")
     path = _write(folder / "in" / f"c{ending}", damaged(draw, content) if draw.random() < 0.3 else content)
-    return ["shape", "renal_balloon", "--vessel", path]
+    return ["shape", "renal_balloon", "--vessel", path, "--q", "1"]
 
 
 def fit(draw: Draw, folder: Path) -> list[str]:
