@@ -35,13 +35,13 @@ def _swallowed(ignored: "sys.UnraisableHookArgs") -> None:
     if not isinstance(ignored.exc_value, KeyboardInterrupt | SystemExit):
         sys.__unraisablehook__(ignored)
         return
-    import _thread
     import signal
+    import threading
     from contextlib import suppress
-    from threading import Timer
 
+    main = threading.main_thread().ident
     number = signal.SIGINT if isinstance(ignored.exc_value, KeyboardInterrupt) else signal.SIGTERM
-    again = Timer(0.02, _thread.interrupt_main, [number])  # not at once: the callback has not returned yet
+    again = threading.Timer(0.02, signal.pthread_kill, [main, number])  # not at once: the callback has not returned yet
     again.daemon = True
     with suppress(RuntimeError):  # too late for a thread: we are ending
         again.start()
@@ -53,7 +53,8 @@ def _answer_signals() -> None:
 
     with suppress(ValueError):  # not in the main thread: whoever runs us there answers signals
         signal.signal(signal.SIGTERM, _terminated)
-        sys.unraisablehook = _swallowed
+        if hasattr(signal, "pthread_kill"):  # not on Windows
+            sys.unraisablehook = _swallowed
 
 
 def _run() -> int:

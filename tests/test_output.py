@@ -1,5 +1,6 @@
 """Dashboards are written as they are logged: bounded memory, full disks are said, killed commands leave nothing."""
 
+import hashlib
 import re
 import signal
 import subprocess
@@ -13,7 +14,7 @@ import rerun as rr
 from helpers import SIMULATED
 from rerun.chunk import RrdReader
 
-from catheter.lab import replay
+from catheter.lab import cli, replay
 from catheter.lab.replay import Replay
 from catheter.lab.views.output import PENDING, Output
 from data.errors import CannotWrite
@@ -107,6 +108,56 @@ def test_a_replay_that_is_ended_leaves_nothing_and_can_be_repeated(film: Path, t
     assert process.returncode == {signal.SIGTERM: 143, signal.SIGINT: 130}[signal.Signals(sent)]
     assert "Traceback" not in err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_replay_that_is_killed_passes_nothing_off_as_whole_and_can_be_repeated(film: Path, tmp_path: Path) -> None:
+    before, out = hashlib.sha256(film.read_bytes()).digest(), tmp_path / "o.rrd"
+    with subprocess.Popen(command(film, "--out", str(out)), stderr=subprocess.DEVNULL) as process:
+        deadline = time.monotonic() + 60
+        while not any(path.stat().st_size > 1_000_000 for path in tmp_path.iterdir()):
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        process.kill()
+    left = [path.name for path in tmp_path.iterdir()]
+    assert left == [".o.partial.rrd"]  # nobody could remove it; its name says what it is
+    assert cli.run(["replay", str(film), "--out", str(out)]) == 0
+    assert out.stat().st_size > FRAMES * FRAME
+    subprocess.run([Path(sys.executable).with_name("rerun"), "rrd", "verify", out], check=True, capture_output=True)
+    assert hashlib.sha256(film.read_bytes()).digest() == before
+
+
+SWALLOWED = """
+import signal, sys, time
+from catheter.__main__ import _answer_signals
+_answer_signals()
+class Dying:
+    def __del__(self):
+        signal.raise_signal(int(sys.argv[1]))
+        time.sleep(0)  # where the signal is answered: Python ignores what is raised in here
+try:
+    Dying()
+    time.sleep(60)
+except KeyboardInterrupt:
+    sys.exit(130)
+"""
+
+
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_an_end_that_comes_inside_a_callback_is_not_lost(sent: int, code: int) -> None:
+    line = [sys.executable, "-c", SWALLOWED, str(int(sent))]
+    done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=30)
+    assert (done.returncode, done.stderr) == (code, "")
+
+
+@pytest.mark.parametrize("module", ["pathlib", "importlib.util", "signal", "catheter.lab.cli"])
+def test_an_interruption_while_the_command_line_starts_is_no_traceback(module: str) -> None:
+    script = (
+        "import builtins, sys\nfrom catheter.__main__ import main\nreal = builtins.__import__\n"
+        "def stop(name, *more):\n    if name == sys.argv[1]: raise KeyboardInterrupt\n    return real(name, *more)\n"
+        "builtins.__import__ = stop\nsys.exit(main())"
+    )
+    done = subprocess.run([sys.executable, "-c", script, module], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, "")
 
 
 def test_a_very_long_signal_is_thinned_and_said_to_be(tmp_path: Path, monkeypatch) -> None:
