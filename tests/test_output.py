@@ -16,6 +16,7 @@ from rerun.chunk import RrdReader
 
 from catheter.lab import cli, replay
 from catheter.lab.replay import Replay
+from catheter.lab.views import output
 from catheter.lab.views.output import PENDING, Output
 from data.errors import CannotWrite
 from data.recorder import Recorder
@@ -76,6 +77,15 @@ def test_an_error_in_the_block_is_the_one_that_is_told(tmp_path: Path) -> None:
         output.stream.log("/a", rr.TextLog("x"))
         raise ZeroDivisionError
     assert RrdReader(tmp_path / "a.rrd") is not None  # what was written is a sound file
+
+
+def test_where_pipes_have_no_names_a_dashboard_is_refused_in_one_sentence(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(output, "DESCRIPTORS", tmp_path / "none")  # as on Windows
+    assert cli.run(["replay", "--out", str(tmp_path / "a.rrd")]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith(f"error: {tmp_path / 'a.rrd'}: a dashboard is written through")
+    assert len(told.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="/proc counts threads")
