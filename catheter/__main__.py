@@ -26,7 +26,10 @@ def namesakes() -> list[str]:
 
 
 def _terminated(number: int, _: object) -> None:
-    """End as after an error, so that unfinished outputs are removed."""
+    """End as after an error, so that unfinished outputs are removed; whoever asks twice must not disturb that."""
+    import signal
+
+    signal.signal(number, signal.SIG_IGN)  # `timeout` asks twice
     sys.exit(128 + number)
 
 
@@ -39,6 +42,7 @@ def _swallowed(ignored: "sys.UnraisableHookArgs") -> None:
     import threading
     from contextlib import suppress
 
+    _answer_signals()
     main = threading.main_thread().ident
     number = signal.SIGINT if isinstance(ignored.exc_value, KeyboardInterrupt) else signal.SIGTERM
     again = threading.Timer(0.02, signal.pthread_kill, [main, number])  # not at once: the callback has not returned yet

@@ -152,6 +152,16 @@ except KeyboardInterrupt:
 """
 
 
+def test_who_asks_twice_for_the_end_does_not_disturb_it() -> None:
+    script = (
+        "import signal\nfrom catheter.__main__ import _answer_signals\n_answer_signals()\n"
+        "try:\n    signal.raise_signal(signal.SIGTERM)\n"
+        "finally:\n    signal.raise_signal(signal.SIGTERM)\n    print('outputs removed')"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (143, "outputs removed\n")
+
+
 @pytest.mark.parametrize(("sent", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_an_end_that_comes_inside_a_callback_is_not_lost(sent: int, code: int) -> None:
     line = [sys.executable, "-c", SWALLOWED, str(int(sent))]
