@@ -125,7 +125,7 @@ def test_memory_does_not_grow_with_the_length_of_the_file(tmp_path: Path) -> Non
         return used
 
     peak(30_000)  # what is imported on first use is not counted
-    assert peak(640_000) < 2 * peak(160_000)  # one to three chunks, by how far the threads are ahead
+    assert peak(1_280_000) < 2 * peak(160_000)  # one to three chunks, by how far the threads are ahead
 
 
 def test_pictures_come_back_one_by_one(tmp_path: Path) -> None:

@@ -339,7 +339,7 @@ def voxel_map(draw: Draw, folder: Path) -> list[str]:
 
 
 def centreline(draw: Draw, folder: Path) -> list[str]:
-    """A vessel's centreline as CSV, VTP or VTK, mangled or damaged, given to a shape."""
+    """A vessel's centreline as CSV, VTK or VTP, mangled or damaged, given to a shape."""
     rows = [f"{0.5 * k},{np.sin(0.1 * k):.4f},{0.01 * k * k:.4f},{2 + 0.01 * k:.3f}" for k in range(40)]
     points = " ".join(row.rpartition(",")[0].replace(",", " ") for row in rows)
     texts = {
@@ -347,6 +347,7 @@ def centreline(draw: Draw, folder: Path) -> list[str]:
         ".vtk": f"# vtk DataFile Version 3.0\nt\nASCII\nDATASET POLYDATA\nPOINTS 40 float\n{points}\n"
         f"LINES 1 41\n40 {' '.join(map(str, range(40)))}\nPOINT_DATA 40\nSCALARS Radius float 1\n"
         f"LOOKUP_TABLE default\n{' '.join(row.rpartition(',')[2] for row in rows)}\n",
+        ".vtp": _vtp(points, rows),
     }
     ending = _pick(draw, tuple(texts))
     content = mangled(draw, texts[ending]).encode("utf-8", "replace")
@@ -370,6 +371,20 @@ def fit(draw: Draw, folder: Path) -> list[str]:
         scene = _write(folder / "in" / "s.toml", TUBE.replace("SOFT", path).encode())
         return ["inflate", scene, "--pressure", "1 kPa"]
     return ["run", "locomotion", "--fit", f"{draw.integers(1, 4)}={path}"]
+
+
+def _vtp(points: str, rows: list[str]) -> str:
+    def array(name: str, kind: str, text: str, width: int = 1) -> str:
+        head = f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{width}" format="ascii">'
+        return f"{head}\n{text}\n</DataArray>\n"
+
+    order, radius = " ".join(str(k) for k in range(len(rows))), " ".join(row.rpartition(",")[2] for row in rows)
+    lines = array("connectivity", "Int64", order) + array("offsets", "Int64", str(len(rows)))
+    return (
+        '<VTKFile type="PolyData" byte_order="LittleEndian">\n<PolyData>\n<Piece>\n'
+        f"<Points>\n{array('Points', 'Float64', points, 3)}</Points>\n<Lines>\n{lines}</Lines>\n"
+        f"<PointData>\n{array('Radius', 'Float64', radius)}</PointData>\n</Piece>\n</PolyData>\n</VTKFile>\n"
+    )
 
 
 FUZZED: dict[str, Callable[[Draw, Path], list[str]]] = {
