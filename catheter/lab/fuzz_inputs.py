@@ -84,7 +84,7 @@ title = "t"
 divisions = [4, 4, 1]
 voxels = [4, 4]
 [map]
-soft = "SOFT"
+soft = "../in/f.toml"
 pattern = "helix"
 period = 4
 width = 1
@@ -368,7 +368,7 @@ def fit(draw: Draw, folder: Path) -> list[str]:
         return ["fit", path, "--model", "material", *more]
     path = _write(folder / "in" / "f.toml", mangled(draw, FITS[kind]).encode("utf-8", "replace"))
     if kind == "material":
-        scene = _write(folder / "in" / "s.toml", TUBE.replace("SOFT", path).encode())
+        scene = _write(folder / "in" / "s.toml", TUBE.encode())
         return ["inflate", scene, "--pressure", "1 kPa"]
     return ["run", "locomotion", "--fit", f"{draw.integers(1, 4)}={path}"]
 
