@@ -34,9 +34,9 @@ class Source:
     unit: str = option("", choices=("", *SCALES))
     branch: int | None = None
     fit: str = option("auto", choices=("auto", "polynomial", "spline"))
-    start: float = option(0.0, unit="m", least=0.0)
-    length: float = option(0.0, unit="m", least=0.0)
-    radius: float = option(0.0, unit="m", least=0.0)
+    start: float = option(0.0, unit="m", least=0.0, most=10.0)
+    length: float = option(0.0, unit="m", least=0.0, most=10.0)  # of no body is a vessel longer
+    radius: float = option(0.0, unit="m", least=0.0, most=10.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

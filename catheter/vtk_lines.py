@@ -21,11 +21,6 @@ _LEGACY = {"float": "f4", "double": "f8", "int": "i4", "vtktypeint64": "i8", "lo
 Parsed = tuple[Array, dict[str, Array], list[NDArray[np.int64]]]  # points, arrays by name, lines
 
 
-def _split(connectivity: Array, ends: Array) -> list[NDArray[np.int64]]:
-    parts = np.split(connectivity.astype(np.int64), ends.astype(np.int64))
-    return [part for part in parts if part.size > 1]
-
-
 def read_vtp(path: Path, content: bytes) -> Parsed:
     """Return what an XML file holds: ascii, base64 or appended, with or without zlib. Raises BadInput."""
     raw = re.search(rb"<AppendedData[^>]*>\s*_", content)  # may hold any byte: no XML
@@ -52,7 +47,8 @@ def read_vtp(path: Path, content: bytes) -> Parsed:
         connectivity = decode(_found(path, lines.get("connectivity"), "lines"))
     except (ElementTree.ParseError, ValueError, KeyError, zlib.error, IndexError) as error:
         raise BadInput(path, f"is no VTK XML that can be read: {error}"[:200]) from error
-    return xyz, arrays, _split(connectivity, ends[:-1])
+    parts = np.split(_whole(path, connectivity), _whole(path, ends[:-1]))
+    return xyz, arrays, [part for part in parts if part.size > 1]
 
 
 def _found(path: Path, array: Any, what: str) -> Any:
@@ -119,12 +115,21 @@ def read_vtk(path: Path, content: bytes) -> Parsed:
     for name in ("POINTS", "LINES"):
         if name not in found:
             raise BadInput(path, f"has no {name}", "expected a centreline")
-    flat, cells = found.pop("LINES").astype(np.int64), []
-    start = 0
-    while start < len(flat):
-        cells.append(flat[start + 1 : start + 1 + flat[start]])
-        start += 1 + int(flat[start])
+    cells, start, numbers = [], 0, found.pop("LINES")
+    while start < len(numbers):
+        count = numbers[start]
+        if not 0 <= count < len(numbers) - start:  # nor for NaN
+            raise BadInput(path, f"has a line of {count:g} points in LINES", f"{len(numbers) - start - 1} follow")
+        cells.append(_whole(path, numbers[start + 1 : start + 1 + int(count)]))
+        start += 1 + int(count)
     return found.pop("POINTS").reshape(-1, 3), found, [cell for cell in cells if cell.size > 1]
+
+
+def _whole(path: Path, numbers: Array) -> NDArray[np.int64]:
+    """Return numbers of points. Raises BadInput for what is none."""
+    if not (np.abs(numbers) < MOST_BYTES).all():  # nor for NaN
+        raise BadInput(path, f"has a line of points {numbers}"[:120], "expected their numbers, from 0")
+    return numbers.astype(np.int64)
 
 
 @dataclass

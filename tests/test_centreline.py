@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from catheter.centreline import Source, fitted, load, straight
+from catheter.lab import cli
+from catheter.lab.scene import FOLDER
 from catheter.vessel_files import read_points
 from data.errors import BadInput
 
@@ -170,3 +172,23 @@ def test_legacy_vtk(tmp_path: Path, binary, offsets) -> None:
     found = read_points(path)
     assert np.array_equal(found.xyz, XYZ)
     assert np.array_equal(found.radius, RADIUS)
+
+
+@pytest.mark.parametrize("count", ["-1", "-1e308", "nan", "1e308", "41"])
+def test_a_line_of_legacy_vtk_that_cannot_be_is_refused(tmp_path: Path, count: str) -> None:
+    points, order = " ".join(f"{k} 0 0" for k in range(40)), " ".join(map(str, range(40)))
+    text = f"# vtk DataFile Version 3.0\nt\nASCII\nDATASET POLYDATA\nPOINTS 40 float\n{points}\nLINES 1 41\n"
+    path = tmp_path / "a.vtk"
+    path.write_text(f"{text}{count} {order}\n")
+    with pytest.raises(BadInput, match="points in LINES; 40 follow"):  # -1 once made it read for ever
+        read_points(path)
+    path.write_text(f"{text}40 {order.replace(' 7 ', ' 1e300 ')}\n")
+    with pytest.raises(BadInput, match="expected their numbers"):
+        read_points(path)
+
+
+def test_a_vessel_longer_than_any_body_is_refused(tmp_path: Path, capsys) -> None:
+    text = (FOLDER / "inflection.toml").read_text().replace('"40 mm"', '"1e308 mm"')
+    (tmp_path / "s.toml").write_text(text)
+    assert cli.run(["shape", str(tmp_path / "s.toml")]) == 2
+    assert "length" in capsys.readouterr().err

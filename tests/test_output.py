@@ -1,5 +1,6 @@
 """Dashboards are written as they are logged: bounded memory, full disks are said, killed commands leave nothing."""
 
+import hashlib
 import re
 import signal
 import subprocess
@@ -13,8 +14,9 @@ import rerun as rr
 from helpers import SIMULATED
 from rerun.chunk import RrdReader
 
-from catheter.lab import replay
+from catheter.lab import cli, replay
 from catheter.lab.replay import Replay
+from catheter.lab.views import output
 from catheter.lab.views.output import PENDING, Output
 from data.errors import CannotWrite
 from data.recorder import Recorder
@@ -77,6 +79,15 @@ def test_an_error_in_the_block_is_the_one_that_is_told(tmp_path: Path) -> None:
     assert RrdReader(tmp_path / "a.rrd") is not None  # what was written is a sound file
 
 
+def test_where_pipes_have_no_names_a_dashboard_is_refused_in_one_sentence(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(output, "DESCRIPTORS", tmp_path / "none")  # as on Windows
+    assert cli.run(["replay", "--out", str(tmp_path / "a.rrd")]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith(f"error: {tmp_path / 'a.rrd'}: a dashboard is written through")
+    assert len(told.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="/proc counts threads")
 def test_finished_dashboards_keep_no_threads(tmp_path: Path) -> None:
     def threads() -> int:
@@ -107,6 +118,66 @@ def test_a_replay_that_is_ended_leaves_nothing_and_can_be_repeated(film: Path, t
     assert process.returncode == {signal.SIGTERM: 143, signal.SIGINT: 130}[signal.Signals(sent)]
     assert "Traceback" not in err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_replay_that_is_killed_passes_nothing_off_as_whole_and_can_be_repeated(film: Path, tmp_path: Path) -> None:
+    before, out = hashlib.sha256(film.read_bytes()).digest(), tmp_path / "o.rrd"
+    with subprocess.Popen(command(film, "--out", str(out)), stderr=subprocess.DEVNULL) as process:
+        deadline = time.monotonic() + 60
+        while not any(path.stat().st_size > 1_000_000 for path in tmp_path.iterdir()):
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        process.kill()
+    left = [path.name for path in tmp_path.iterdir()]
+    assert left == [".o.partial.rrd"]  # nobody could remove it; its name says what it is
+    assert cli.run(["replay", str(film), "--out", str(out)]) == 0
+    assert out.stat().st_size > FRAMES * FRAME
+    subprocess.run([Path(sys.executable).with_name("rerun"), "rrd", "verify", out], check=True, capture_output=True)
+    assert hashlib.sha256(film.read_bytes()).digest() == before
+
+
+SWALLOWED = """
+import signal, sys, time
+from catheter.__main__ import _answer_signals
+_answer_signals()
+class Dying:
+    def __del__(self):
+        signal.raise_signal(int(sys.argv[1]))
+        time.sleep(0)  # where the signal is answered: Python ignores what is raised in here
+try:
+    Dying()
+    time.sleep(60)
+except KeyboardInterrupt:
+    sys.exit(130)
+"""
+
+
+def test_who_asks_twice_for_the_end_does_not_disturb_it() -> None:
+    script = (
+        "import signal\nfrom catheter.__main__ import _answer_signals\n_answer_signals()\n"
+        "try:\n    signal.raise_signal(signal.SIGTERM)\n"
+        "finally:\n    signal.raise_signal(signal.SIGTERM)\n    print('outputs removed')"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (143, "outputs removed\n")
+
+
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_an_end_that_comes_inside_a_callback_is_not_lost(sent: int, code: int) -> None:
+    line = [sys.executable, "-c", SWALLOWED, str(int(sent))]
+    done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=30)
+    assert (done.returncode, done.stderr) == (code, "")
+
+
+@pytest.mark.parametrize("module", ["pathlib", "importlib.util", "signal", "catheter.lab.cli"])
+def test_an_interruption_while_the_command_line_starts_is_no_traceback(module: str) -> None:
+    script = (
+        "import builtins, sys\nfrom catheter.__main__ import main\nreal = builtins.__import__\n"
+        "def stop(name, *more):\n    if name == sys.argv[1]: raise KeyboardInterrupt\n    return real(name, *more)\n"
+        "builtins.__import__ = stop\nsys.exit(main())"
+    )
+    done = subprocess.run([sys.executable, "-c", script, module], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, "")
 
 
 def test_a_very_long_signal_is_thinned_and_said_to_be(tmp_path: Path, monkeypatch) -> None:

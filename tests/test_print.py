@@ -111,9 +111,9 @@ def test_neighbours_of_two_materials_share_their_triangles_also_where_faces_are_
 
 def test_a_map_of_128_by_128_is_written_and_read_back_in_10_s(tmp_path: Path) -> None:
     voxels = DRAW.integers(0, 3, (128, 128))
-    started = time.perf_counter()
+    started = time.process_time()  # work: other tests run at the same time
     found = write_prints(made(voxels), tmp_path, "m")
-    assert time.perf_counter() - started < 10
+    assert time.process_time() - started < 10
     assert [w.voxels for w in found.stl] == [*np.bincount(voxels.ravel()), 0]
 
 

@@ -53,10 +53,10 @@ def test_the_cubic_is_solved_to_rounding_over_its_whole_range() -> None:
 @pytest.mark.parametrize("name", SHAPES)
 def test_det_f_is_one_at_a_hundred_thousand_places_of_every_shipped_shape(name) -> None:
     shape = shaped(name).shape
-    started = time.perf_counter()
+    started = time.process_time()  # work: other tests run at the same time
     errors = [np.abs(volume_error(shape, q)).max() for q in (0.25, 0.5, 0.75, 1.0)]
     assert max(errors) < 1e-10
-    assert time.perf_counter() - started < 4.0  # 1 s when nothing else runs
+    assert time.process_time() - started < 4.0  # 1 s when nothing else runs
 
 
 def test_any_mix_keeps_its_volume_and_a_line_across_the_wall_does_not(renal) -> None:

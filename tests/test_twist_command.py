@@ -77,7 +77,7 @@ def test_a_recording_of_the_twist_and_its_overlay(tmp_path: Path, film, capsys) 
     path = recorded(tmp_path / "r.mcap", film)
     out, view = tmp_path / "t.mcap", tmp_path / "t.rrd"
     assert run(path, "--out", out, "--view", view, "--zero", 3, "--smooth", 400) == 0
-    printed = capsys.readouterr().out
+    printed = " ".join(capsys.readouterr().out.split())
     assert "23 of 24 frames" in printed
     assert "simulated" in printed
     with Recording(out) as recording:

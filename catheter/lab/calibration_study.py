@@ -23,6 +23,7 @@ def calibration(*, quick: bool, progress: Progress) -> Report:
     shape = Shape(length=16e-3, divisions=(16, 16, 1), voxels=(16, 16)) if quick else Shape(divisions=(32, 32, 1))
     levels, kind = np.unique(HELIX.moduli(*shape.voxels).ravel(), return_inverse=True)
     full = twist_curve(groups(tube_voxels(shape), kind), np.linspace(0, 1.1 * MOST_PA, 9)[1:])
+    progress(0.05)
     started = time.perf_counter()
     table = surrogate(full, np.log(levels), REACH, 4)
     tabulated, truth = time.perf_counter() - started, levels * OFF

@@ -35,7 +35,7 @@ def twist_containers(*, quick: bool, progress: Progress) -> Report:
     with tempfile.TemporaryDirectory() as folder:
         for done, duration_s in enumerate(seconds):
             truth_rad, paths = _films(Path(folder) / f"{done}", int(duration_s * RATE_HZ))
-            for name, path in paths.items():
+            for at, (name, path) in enumerate(paths.items(), start=1):
                 error_deg, sigma_deg, lost, spent, peak = _measured(path, truth_rad)
                 level = f"{duration_s:g} s"
                 rows.append(Row(method=name, level=level, error=error_deg, seconds=spent))
@@ -43,7 +43,7 @@ def twist_containers(*, quick: bool, progress: Progress) -> Report:
                     f"{name}, {level}: {path.stat().st_size / 1e6:.1f} MB, reported sigma {sigma_deg:.4f} deg, "
                     f"{lost} frames missing, peak memory {peak / 1e6:.0f} MB"
                 )
-            progress((done + 1) / len(seconds))
+                progress((done + at / len(paths)) / len(seconds))
     return Report(
         name="twist-containers",
         title="Twist of a simulated film through video files and a recording",

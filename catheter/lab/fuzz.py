@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import itertools
 import json
 import os
 import shutil
@@ -10,7 +11,9 @@ import sys
 import tempfile
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, Queue
@@ -21,7 +24,8 @@ import numpy as np
 from catheter.lab.fuzz_inputs import FUZZED
 from catheter.lab.report import Progress, Report, Row
 
-MOST_S = 30.0  # for one input: longer is a hang
+MOST_S = 30.0  # of work for one input: longer is a hang, however busy the machine is
+WAIT_S = 300.0  # for an answer: longer is a hang that waits instead of working
 AT_ONCE = 300  # inputs for one process: rerun keeps two threads for each blueprint that it ever sent
 MOST_BYTES = 6 << 30  # of address space, where the operating system can limit it
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
@@ -38,26 +42,22 @@ class Finding:
     what: str
 
 
+Ended = tuple[int, float, Finding | None]  # exit code, seconds, what was wrong
+
+
 def fuzz(*, quick: bool, progress: Progress) -> Report:
-    """Give commands seeded hostile inputs: 400, or 12,000."""
-    count = (400 if quick else 12_000) // len(FUZZED)
+    """Give commands seeded hostile inputs: 450, or 13,500."""
+    count = (450 if quick else 13_500) // len(FUZZED)
     rows, notes = [], []
-    for done, kind in enumerate(FUZZED):
-        started = time.perf_counter()
-        codes: dict[int, int] = {}
-        found = []
-        slowest = 0.0
-        for at, (code, seconds, finding) in enumerate(run_kind(kind, count)):
-            codes[code] = codes.get(code, 0) + 1
-            slowest = max(slowest, seconds)
-            found += [finding] if finding else []
-            progress((done + at / count) / len(FUZZED))
-        spent = time.perf_counter() - started
-        rows.append(Row(method=kind, level=f"{count}", error=float(len(found)), seconds=spent))
+    ended = _answers(count, progress)
+    for kind, answers in ended.items():
+        codes = Counter(code for code, _, _ in answers)
+        found = [finding for _, _, finding in answers if finding]
+        seconds = [seconds for _, seconds, _ in answers]
+        rows.append(Row(method=kind, level=f"{len(answers)}", error=float(len(found)), seconds=sum(seconds)))
         ends = ", ".join(f"{number} with {code}" for code, number in sorted(codes.items()))
-        notes.append(f"{kind}: exit codes {ends}; slowest {slowest:.2f} s.")
+        notes.append(f"{kind}: exit codes {ends}; slowest {max(seconds):.2f} s.")
         notes += [f"{kind} {one.number}: {one.what}" for one in found[:20]]
-    progress(1.0)
     return Report(
         name="fuzz",
         title="Hostile inputs: tracebacks, hangs, and files outside the output folder",
@@ -68,7 +68,33 @@ def fuzz(*, quick: bool, progress: Progress) -> Report:
     )
 
 
-def run_kind(kind: str, count: int, first: int = 0) -> Iterator[tuple[int, float, Finding | None]]:
+def _answers(count: int, progress: Progress) -> dict[str, list[Ended]]:
+    """Return what became of `count` inputs of each kind; as many processes at once as there are cores."""
+    parts = [(kind, first, min(AT_ONCE, count - first)) for kind in FUZZED for first in range(0, count, AT_ONCE)]
+    stopped, done = threading.Event(), itertools.count(1)
+
+    def answered(kind: str, first: int, many: int) -> list[Ended]:
+        found = []
+        for one in run_kind(kind, many, first):
+            if stopped.is_set():
+                break
+            found.append(one)
+            progress(next(done) / (count * len(FUZZED)))
+        return found
+
+    ended: dict[str, list[Ended]] = {kind: [] for kind in FUZZED}
+    pool = ThreadPoolExecutor(os.cpu_count() or 1)
+    try:
+        pending = {pool.submit(answered, *part): part[0] for part in parts}
+        for part in as_completed(pending):
+            ended[pending[part]] += part.result()
+    finally:
+        stopped.set()
+        pool.shutdown(cancel_futures=True)
+    return ended
+
+
+def run_kind(kind: str, count: int, first: int = 0) -> Iterator[Ended]:
     """Give inputs first .. first + count - 1 of a kind to a watched process; yield exit code, seconds, finding of each.
 
     A process that dies or does not answer is a finding, and another one goes on behind it.
@@ -79,13 +105,13 @@ def run_kind(kind: str, count: int, first: int = 0) -> Iterator[tuple[int, float
         with _worker(kind, at, stop) as answers:
             while at < stop:
                 try:
-                    line = answers.get(timeout=MOST_S)
+                    line = answers.get(timeout=WAIT_S)
                 except Empty:
-                    yield -1, MOST_S, Finding(kind=kind, number=at, what=f"no end within {MOST_S:g} s")
+                    yield -1, WAIT_S, Finding(kind=kind, number=at, what=f"no answer within {WAIT_S:g} s")
                     at += 1
                     break
                 if line is None:
-                    yield -1, 0.0, Finding(kind=kind, number=at, what="the process died")
+                    yield -1, MOST_S, Finding(kind=kind, number=at, what=f"died, or worked for {MOST_S:g} s")
                     at += 1
                     break
                 told = json.loads(line)
@@ -135,6 +161,7 @@ def work(folder: str, kind: str, first: str, end: str) -> None:
         os.chdir(home / "here")
         before = _listing(home)
         astray.clear()
+        _alarm(MOST_S)
         started = time.perf_counter()
         code, what = _run(arguments)
         seconds = time.perf_counter() - started
@@ -193,6 +220,14 @@ def _watch(place: Path) -> list[str]:
 
     sys.addaudithook(hook)
     return astray
+
+
+def _alarm(seconds: float) -> None:
+    """End this process when it has worked for so long, where the operating system counts that."""
+    import signal
+
+    if hasattr(signal, "setitimer"):
+        signal.setitimer(signal.ITIMER_PROF, seconds)
 
 
 def _limit() -> None:

@@ -40,6 +40,55 @@ unit = "N"
 response = "/force"
 input = "/stroke"
 """
+FITS = {  # what `fit` writes, and the commands that take it
+    "accumulator": """
+[fit]
+model = "accumulator"
+recording = "a.mcap"
+kind = "simulated"
+rmse = "141 Pa"
+rising = [0.99, 1.44]
+range = [0.99, 1.44]
+standard_errors = ["143 Pa", "1716 Pa", "6347 Pa", "7301 Pa"]
+[accumulator]
+coefficients = ["160180 Pa", "589355 Pa", "-1103497 Pa", "705801 Pa"]
+""",
+    "valve": """
+[fit]
+model = "valve"
+recording = "v.mcap"
+kind = "simulated"
+standard_error = "6.5e-10 m^3 Pa^-0.5 s^-1"
+[valve]
+coefficient = "3.05e-07 m^3 Pa^-0.5 s^-1"
+""",
+    "material": """
+[fit]
+model = "material"
+kind = "measured"
+law = "neo-Hooke"
+c1_low = "200000 Pa"
+c1_high = "208000 Pa"
+[material]
+name = "t"
+law = "neo-Hooke"
+elongation = 0.8
+c1 = "204000 Pa"
+""",
+}
+TUBE = """
+[scene]
+kind = "tube"
+title = "t"
+[tube]
+divisions = [4, 4, 1]
+voxels = [4, 4]
+[map]
+soft = "../in/f.toml"
+pattern = "helix"
+period = 4
+width = 1
+"""
 NUMBERS = ("0", "-1", "1e308", "-1e308", "1e-308", "nan", "inf", "-inf", "1" + 400 * "0", "0x7fffffffffffffff", "true")
 TEXTS = ('""', '"\\u0000"', '"\\u001b[31m"', "[]", "{}", '"../../x"', '"1 furlong"', '"83 kPa"', '"1e400 m"', "[[1]]",
          '"\\U0001F9A0"', "1979-05-27", '"1 m"', '"-5 s"', "''")  # fmt: skip
@@ -247,7 +296,7 @@ def scene(draw: Draw, folder: Path) -> list[str]:
     if name == "cone":
         return ["valve", path]
     if 'kind = "shape"' in found[name]:
-        return ["shape", path]
+        return ["shape", path, "--q", "1"]
     if name == "twist":
         return ["inflate", path, "--pressure", "1 kPa"]
     return ["record", path, "--out", str(folder / "out" / "o.mcap")]
@@ -290,7 +339,7 @@ def voxel_map(draw: Draw, folder: Path) -> list[str]:
 
 
 def centreline(draw: Draw, folder: Path) -> list[str]:
-    """A vessel's centreline as CSV, VTP or VTK, mangled or damaged, given to a shape."""
+    """A vessel's centreline as CSV, VTK or VTP, mangled or damaged, given to a shape."""
     rows = [f"{0.5 * k},{np.sin(0.1 * k):.4f},{0.01 * k * k:.4f},{2 + 0.01 * k:.3f}" for k in range(40)]
     points = " ".join(row.rpartition(",")[0].replace(",", " ") for row in rows)
     texts = {
@@ -298,11 +347,44 @@ def centreline(draw: Draw, folder: Path) -> list[str]:
         ".vtk": f"# vtk DataFile Version 3.0\nt\nASCII\nDATASET POLYDATA\nPOINTS 40 float\n{points}\n"
         f"LINES 1 41\n40 {' '.join(map(str, range(40)))}\nPOINT_DATA 40\nSCALARS Radius float 1\n"
         f"LOOKUP_TABLE default\n{' '.join(row.rpartition(',')[2] for row in rows)}\n",
+        ".vtp": _vtp(points, rows),
     }
     ending = _pick(draw, tuple(texts))
     content = mangled(draw, texts[ending]).encode("utf-8", "replace")
     path = _write(folder / "in" / f"c{ending}", damaged(draw, content) if draw.random() < 0.3 else content)
-    return ["shape", "renal_balloon", "--vessel", path]
+    return ["shape", "renal_balloon", "--vessel", path, "--q", "1"]
+
+
+def fit(draw: Draw, folder: Path) -> list[str]:
+    """A fit, its text mangled, put to use; or a table of tensile tests to be fitted."""
+    kind = _pick(draw, (*FITS, "tests"))
+    if kind == "tests":
+        rows = [
+            f"1,{k},{e},{0.2 * (1 + k / 9) * (1 + e - (1 + e) ** -2):.5f}" for k in (0, 1) for e in np.arange(20) / 20
+        ]
+        text = mangled(draw, "plate,spec,strain,stress_MPa\n" + "\n".join(rows))
+        path = _write(folder / "in" / "t.csv", text.encode("utf-8", "replace"))
+        more = ["--specimen", "plate,spec", "--resamples", "5", "--out", str(folder / "out" / "o.toml")]
+        return ["fit", path, "--model", "material", *more]
+    path = _write(folder / "in" / "f.toml", mangled(draw, FITS[kind]).encode("utf-8", "replace"))
+    if kind == "material":
+        scene = _write(folder / "in" / "s.toml", TUBE.encode())
+        return ["inflate", scene, "--pressure", "1 kPa"]
+    return ["run", "locomotion", "--fit", f"{draw.integers(1, 4)}={path}"]
+
+
+def _vtp(points: str, rows: list[str]) -> str:
+    def array(name: str, kind: str, text: str, width: int = 1) -> str:
+        head = f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{width}" format="ascii">'
+        return f"{head}\n{text}\n</DataArray>\n"
+
+    order, radius = " ".join(str(k) for k in range(len(rows))), " ".join(row.rpartition(",")[2] for row in rows)
+    lines = array("connectivity", "Int64", order) + array("offsets", "Int64", str(len(rows)))
+    return (
+        '<VTKFile type="PolyData" byte_order="LittleEndian">\n<PolyData>\n<Piece>\n'
+        f"<Points>\n{array('Points', 'Float64', points, 3)}</Points>\n<Lines>\n{lines}</Lines>\n"
+        f"<PointData>\n{array('Radius', 'Float64', radius)}</PointData>\n</Piece>\n</PolyData>\n</VTKFile>\n"
+    )
 
 
 FUZZED: dict[str, Callable[[Draw, Path], list[str]]] = {
@@ -314,4 +396,5 @@ FUZZED: dict[str, Callable[[Draw, Path], list[str]]] = {
     "videos": video,
     "voxel maps": voxel_map,
     "centrelines": centreline,
+    "fits": fit,
 }

@@ -16,8 +16,10 @@ from uuid import uuid4
 import rerun as rr
 from rerun_bindings import flush_and_cleanup_orphaned_recordings
 
+from data.errors import CannotWrite
 from data.files import cannot_write
 
+DESCRIPTORS = Path("/dev/fd")
 PIECE = 1 << 20
 PENDING = 1 << 24  # bytes that may wait in rerun's queues before `settle` waits for the disk
 
@@ -39,6 +41,11 @@ class Output:
 
     def __enter__(self) -> Self:
         """Open the file and the pipe."""
+        if not DESCRIPTORS.exists():  # Windows
+            self.stream.disconnect()
+            raise CannotWrite(
+                self.path, f"a dashboard is written through {DESCRIPTORS}: use Linux, macOS or WSL for it"
+            )
         try:
             file = self.path.open("wb", buffering=0)
         except OSError as error:
@@ -46,7 +53,7 @@ class Output:
             raise cannot_write(self.path, error) from error
         source, sink = os.pipe()
         try:
-            self.stream.set_sinks(rr.FileSink(f"/dev/fd/{sink}"))  # opens the pipe's end anew
+            self.stream.set_sinks(rr.FileSink(str(DESCRIPTORS / str(sink))))  # opens the pipe's end anew
         except BaseException:
             os.close(source)
             file.close()
