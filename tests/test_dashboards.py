@@ -9,12 +9,15 @@ from helpers import ROOT, view_names
 
 from catheter.inflatable import Pattern, Shape
 from catheter.lab import cli
+from catheter.lab.invert_live import Sought, live
+from catheter.lab.invert_outcome import sure_of
 from catheter.lab.robot_run import walked
 from catheter.lab.scene import Scene
 from catheter.lab.views.picture import take, views_of
 from catheter.lab.views.robot import moment_of_interest, save_robot
 from catheter.lab.views.viewer import viewer
 from catheter.reconstruction import Wanted, solved, tube_case
+from data.recording import SIMULATED
 from fem.inverse import Inversion
 
 DRIVERS = [path for folder in ("/usr/share", "/etc") for path in Path(folder, "vulkan/icd.d").glob("*.json")]
@@ -39,11 +42,12 @@ def dashboards(tmp_path_factory) -> dict[str, tuple[Path, float | None]]:
 
 
 def _inverse(path: Path) -> Path:
-    from catheter.lab.views.inverse import save_inverse
-
     shape, wrap = Shape(length=16e-3, divisions=(8, 8, 1), voxels=(8, 4)), Pattern(pattern="helix", period=4, width=1)
     case = tube_case(shape, wrap, Wanted(pressures=(40e3,)))
-    save_inverse(case, solved(case, Inversion()), "small", path)
+    sought = Sought("small", SIMULATED, case.grid, case.whole[-1].state.x, case.truth)
+    with live(sought, None, path) as (tell, shown):
+        found = solved(case, Inversion(), None, tell)
+        sure_of(case.problem, found, case.variation, Inversion(), shown)
     return path
 
 

@@ -58,7 +58,6 @@ SMALL = {
 }
 # What takes long even so, reports with --quick, is interrupted as soon as its first part is done.
 BEGUN = {
-    "invert_spiral",
     *("fuzz", "inverse", "inverse-stability", "inverse-spiral", "calibration", "recordings", "damage", "hydraulics"),
     *("fem", "fem-stability", "shape", "identification", "twist", "twist-stress", "twist-containers", "camera-clock"),
     *("thesis", "derivatives", "shape-pictures", "sysid-stability"),
@@ -281,7 +280,7 @@ def test_the_command_runs(
         subprocess.run([program, "rrd", "verify", *words[1:]], check=True, capture_output=True, timeout=120)
     else:
         assert words[0] in cli.COMMANDS, f"{words[0]}: who runs it?  ELSEWHERE, OPTIONS"
-        begun = words[0] in ("report", "invert") and HERE[command][1] in BEGUN
+        begun = words[0] == "report" and HERE[command][1] in BEGUN
         if begun:
             monkeypatch.setattr(outcome, "progress", stopping)
             monkeypatch.setattr(report_commands, "progress", stopping)

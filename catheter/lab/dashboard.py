@@ -44,18 +44,20 @@ def save_view(
     save: writes the dashboard to a path. at_s, count: see `save_picture`. Raises CannotWrite.
     """
     quiet()
-    view = Path(options.view) if options.view else None
-    with TemporaryDirectory() as folder:
-        if view:
-            with fresh(view, options.force) as temporary:
-                save(temporary)
-            outcome.values["view"] = str(view)
-            outcome.parts.append(f"Dashboard: {view}   (look at it with: rerun {view})")
-        if options.picture:
-            rrd = view or Path(folder) / "dashboard.rrd"
-            if not view:
-                save(rrd)
-            take(outcome, rrd, Path(options.picture), force=options.force, at_s=at_s, count=count)
+    picture = Path(options.picture) if options.picture else None
+    if options.view:
+        view = Path(options.view)
+        with fresh(view, options.force) as temporary:
+            save(temporary)
+        outcome.values["view"] = str(view)
+        outcome.parts.append(f"Dashboard: {view}   (look at it with: rerun {view})")
+        if picture:
+            take(outcome, view, picture, force=options.force, at_s=at_s, count=count)
+    elif picture:
+        with TemporaryDirectory() as folder:
+            view = Path(folder) / "dashboard.rrd"
+            save(view)
+            take(outcome, view, picture, force=options.force, at_s=at_s, count=count)
 
 
 def take(
