@@ -265,27 +265,28 @@ def solved(
 
 def discretised(case: Case, found: Reconstruction, palette: Palette) -> "Iterator[tuple[str, Printed | CatheterError]]":
     """Yield each way of choosing printable materials for a map, and what would be printed, solved."""
-    from fem.palette import binned, diffused, dithered, printed, swapped
+    from fem.palette import Printed, binned, diffused, dithered, printed, swapped
 
     problem, moduli, start = case.problem, palette.moduli(), found.standings
     flat = found.moduli.reshape(case.grid)
-    plain: dict[str, Callable[[], Any]] = {
-        "nearest": lambda: binned(flat, moduli),
-        "nearest in logarithm": lambda: binned(flat, moduli, log=True),
-        "dithered": lambda: dithered(flat, moduli),
-        "dithered in logarithm": lambda: dithered(flat, moduli, log=True),
+    plain: dict[str, Callable[[], Printed]] = {
+        "nearest": lambda: printed(problem, binned(flat, moduli), moduli, start),
+        "nearest in logarithm": lambda: printed(problem, binned(flat, moduli, log=True), moduli, start),
+        "dithered": lambda: printed(problem, dithered(flat, moduli), moduli, start),
+        "dithered in logarithm": lambda: printed(problem, dithered(flat, moduli, log=True), moduli, start),
+        "by mechanics": lambda: diffused(problem, start, moduli),
     }
+    stood = list[Printed]()
     for name, choose in plain.items():
         try:
-            yield name, printed(problem, choose(), moduli, start)
+            made = choose()
+            stood.append(made)
+            yield name, made
         except CatheterError as error:
             yield name, error
-    try:
-        first = diffused(problem, start, moduli)
-        yield "by mechanics", first
-        yield "by mechanics, swapped", swapped(problem, first, moduli, rounds=palette.rounds, power=POWER)
-    except CatheterError as error:
-        yield "by mechanics", error
+    if stood:
+        first = min(stood, key=lambda one: one.misfit)
+        yield "best of these, swapped by mechanics", swapped(problem, first, moduli, rounds=palette.rounds, power=POWER)
 
 
 @dataclass(frozen=True)

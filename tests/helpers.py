@@ -5,6 +5,8 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
+DRIVERS = [path for folder in ("/usr/share", "/etc") for path in Path(folder, "vulkan/icd.d").glob("*.json")]
+NO_DRIVER = "no Vulkan driver: install mesa-vulkan-drivers and libvulkan1"
 SIMULATED = {"kind": "simulated", "title": "test"}
 
 # mapping -> (log, rows, what its import must say)

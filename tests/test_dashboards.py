@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import ROOT, view_names
+from helpers import DRIVERS, NO_DRIVER, ROOT, view_names
 
 from catheter.inflatable import Pattern, Shape
 from catheter.lab import cli
@@ -20,7 +20,6 @@ from catheter.reconstruction import Wanted, solved, tube_case
 from data.recording import SIMULATED
 from fem.inverse import Inversion
 
-DRIVERS = [path for folder in ("/usr/share", "/etc") for path in Path(folder, "vulkan/icd.d").glob("*.json")]
 BENDER = str(ROOT / "data" / "recordings" / "bender.mcap")
 PICTURED = ("robot", "valve", "inverse")  # test_views has a replay's; the others are left out for time
 
@@ -72,7 +71,7 @@ def test_every_title_says_simulated(dashboards, name: str) -> None:
 
 
 @pytest.mark.viewer
-@pytest.mark.skipif(not DRIVERS, reason="no Vulkan driver: install mesa-vulkan-drivers and libvulkan1")
+@pytest.mark.skipif(not DRIVERS, reason=NO_DRIVER)
 def test_no_view_is_blank(dashboards) -> None:
     with viewer((640, 420)) as running:
         for name in PICTURED:

@@ -18,7 +18,7 @@ import numpy as np
 import psutil
 import pytest
 import rerun.blueprint as rrb
-from helpers import ROOT, SIMULATED
+from helpers import DRIVERS, NO_DRIVER, ROOT, SIMULATED
 from rerun.chunk import RrdReader
 
 from catheter.lab.display import display
@@ -42,7 +42,6 @@ MEASURED = {"kind": "measured", "title": "test"}
 T = np.arange(3000) / 100
 ML = 1e-5 * (1 - np.cos(T))
 N = 2e5 * ML + 0.2 * np.tanh(9 * np.sin(T))
-DRIVERS = [path for folder in ("/usr/share", "/etc") for path in Path(folder, "vulkan/icd.d").glob("*.json")]
 
 Fill = Callable[[Recorder], object]
 Pixels = np.ndarray[tuple[int, ...], np.dtype[np.uint8]]
@@ -526,7 +525,7 @@ def test_a_picture_of_no_dashboard_is_refused_at_once(tmp_path: Path) -> None:
         save_picture(tmp_path / "no.rrd", tmp_path / "a.png")
 
 
-needs_driver = pytest.mark.skipif(not DRIVERS, reason="no Vulkan driver: install mesa-vulkan-drivers and libvulkan1")
+needs_driver = pytest.mark.skipif(not DRIVERS, reason=NO_DRIVER)
 
 
 @pytest.mark.viewer

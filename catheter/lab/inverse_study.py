@@ -50,7 +50,25 @@ def inverse(*, quick: bool, progress: Progress) -> Report:
             "Uniform seed of 1 MPa; the thesis's method: its own seed, weights 0, 1, 0, two classes four times.",
             "A method that ends early keeps its last map; L-BFGS has the noise's weight from the start.",
         ],
+        draw=lambda figure: _draw(figure, rows),
     )
+
+
+def _draw(figure: Any, rows: list[Row]) -> None:
+    """Draw the error over run time, iteration by iteration on exact data, and at the end over the noise."""
+    from catheter.lab.plot import MARKERS, axes
+
+    figure.set_size_inches(12, 5.5)
+    error = ("median relative modulus error", "1")
+    left = axes(figure, ("run time", "s"), error, at=(1, 2, 1), title="exact data, each iteration", log="xy")
+    right = axes(figure, ("noise over the largest displacement", "1"), error, at=(1, 2, 2), title="the end", log="xy")
+    for plot, exact in ((left, True), (right, False)):
+        mine = [row for row in rows if row.level.startswith("it.") == exact and not row.failed]
+        for marker, name in zip(MARKERS, dict.fromkeys(row.method for row in mine), strict=False):
+            found = [row for row in mine if row.method == name]
+            places = [row.seconds if exact else float(row.level) for row in found]
+            plot.plot(places, [row.error for row in found], marker=marker, label=name)
+        plot.legend(fontsize=8)
 
 
 Told = Callable[[Any, float], None]

@@ -75,7 +75,7 @@ def _printed(found: Found) -> tuple[Printed, list[str]]:
     """Return what would be printed of the scene's palette, chosen by mechanics, and the materials' names."""
     palette = Scene.load("invert_twist").tables["palette"]
     choices = dict(discretised(found.case, found.map, palette))
-    best = choices.get("by mechanics, swapped", choices["by mechanics"])
+    best = choices["best of these, swapped by mechanics"]
     if isinstance(best, CatheterError):
         raise best
     return best, found.case.names(palette)
