@@ -3,6 +3,7 @@
 A handful of moduli, one for each group of voxels, by least squares on the twist curve. Both channels are
 noisy: each sample's true pressure is sought along with the moduli (orthogonal distance regression: Boggs, Byrd and
 Schnabel, SIAM J. Sci. Stat. Comput. 8, 1987). Weighing at the noisy pressures themselves would be biased.
+So is the twist's zero: it is counted from one frame, whose noise all others share.
 """
 
 from collections.abc import Callable
@@ -76,18 +77,26 @@ def calibrate(
         raise BadInput("calibration", f"{pressure.shape} pressures, {angle.shape} twists", "expected more than moduli")
     if not (angle_sd > 0 and pressure_share >= 0):
         raise BadInput("calibration, noise", f"is {angle_sd:g} rad", "expected above 0")
-    log, true = np.log(seed), pressure
+    log, true, zero = np.log(seed), pressure, 0.0
+    if float(angle @ curve(log).at(pressure)[0]) < 0:
+        raise BadInput(
+            "calibration, twist",
+            f"reaches {np.degrees(angle[np.abs(angle).argmax()]):.1f} deg where the model turns the other way",
+            "expected anticlockwise, as seen from beyond the tip, above 0: was it filmed from behind?",
+        )
     for number in range(1, MOST_STEPS + 1):
         model = curve(log)
         value, slope, by_log = model.at(true)
         by_pressure = slope * pressure_share * true  # standard deviation of the twist from that of the pressure
         weight = 1 / np.hypot(angle_sd, by_pressure)
-        left = angle - value - slope * (pressure - true)
-        rows, misfit = by_log * weight[:, None], left * weight
-        step = np.linalg.lstsq(rows, misfit, rcond=None)[0]
+        left = angle - zero - value - slope * (pressure - true)
+        misfit, known = left * weight, np.append(np.zeros(len(log)), 1 / angle_sd)  # the zero is one frame's
+        rows = np.vstack([np.column_stack([by_log, np.ones(len(left))]) * weight[:, None], known])
+        *moved, off = np.linalg.lstsq(rows, np.append(misfit, -zero / angle_sd), rcond=None)[0]
+        step, zero = np.array(moved), zero + float(off)
         log = log + step * min(1.0, 0.3 / float(np.abs(step).max() or 1.0))
-        true = pressure + (left - by_log @ step) * weight**2 * by_pressure * pressure_share * true
-        covariance = _inverse(rows.T @ rows)
+        true = pressure + (left - off - by_log @ step) * weight**2 * by_pressure * pressure_share * true
+        covariance = _inverse(rows.T @ rows)[:-1, :-1]
         half = NORMAL_95 * np.sqrt(np.diag(covariance))
         if (np.abs(step) < SETTLED * half / NORMAL_95).all():
             interval: Array = np.exp(np.stack([log - half, log + half], axis=1))

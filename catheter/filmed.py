@@ -1,7 +1,7 @@
 """What the cameras of a printed actuator's recording tell, on the bench's clock (thesis 6.5.1): twist and extension.
 
-The LED that the bench switches is seen by both cameras and puts their clocks on the bench's. The
-camera above looks against the axis: what it sees turn clockwise, turns anticlockwise about z.
+The LED that the bench switches is seen by both cameras and puts their clocks on the bench's. The camera
+above the marker looks at the tip from beyond: what it sees turn anticlockwise, turns anticlockwise about z.
 """
 
 import math
@@ -112,7 +112,7 @@ class Filmed:
     def twist(self) -> Signal:
         """Twist [rad] since the first frame, anticlockwise as seen from beyond the tip; NaN without a marker."""
         seen = self._source._marker
-        return on_clock(Signal(seen.time_s, -seen.angle_rad, "rad", name="twist"), self.clock("top"))
+        return on_clock(Signal(seen.time_s, seen.angle_rad, "rad", name="twist"), self.clock("top"))
 
     @cached_property
     def twist_sigma(self) -> Array:

@@ -173,7 +173,7 @@ class PrintedRun:
         turned = self.twist(now + self.cameras.exposure * np.array([-0.5, 0.0, 0.5]))
         return Shot(
             width_px=size, height_px=size, middle_px=(0.52 * size, 0.51 * size), pitch_px=MARKER_SHARE * size,
-            angle_rad=-float(turned[1]), spin_rad=float(turned[0] - turned[2]), noise_grey=self.cameras.noise,
+            angle_rad=float(turned[1]), spin_rad=float(turned[2] - turned[0]), noise_grey=self.cameras.noise,
             patches=(self._lamp(moment),),
         )  # fmt: skip
 

@@ -1,8 +1,10 @@
 """Constants from a noisy pressure and a noisy twist: unbiased, and as uncertain as said."""
 
 import numpy as np
+import pytest
 
 from catheter.calibrate import Calibration, Curve, calibrate
+from data.errors import BadInput
 from data.signal import Array
 
 TRUTH, SEED = np.log([0.21e6, 1.85e6]), np.array([0.20e6, 1.89e6])
@@ -22,7 +24,8 @@ def _stiffening(log: Array) -> Curve:
 def _one(number: int) -> Calibration:
     rng = np.random.default_rng(number)
     load = np.linspace(1e3, 60e3, 200)
-    angle = _stiffening(TRUTH).at(load)[0] + ANGLE_SD * rng.standard_normal(200)
+    noise = ANGLE_SD * rng.standard_normal(201)
+    angle = _stiffening(TRUTH).at(load)[0] + noise[1:] - noise[0]  # counted from a frame of its own
     measured = load * (1 + SHARE * rng.standard_normal(200))
     return calibrate(_stiffening, measured, angle, angle_sd=ANGLE_SD, pressure_share=SHARE, seed=SEED)
 
@@ -35,3 +38,10 @@ def test_noise_in_the_pressure_does_not_pull_the_constants() -> None:
     held = (np.abs(error) < 1.96 * said).mean(axis=0)
     assert (np.abs(held - 0.95) < 0.03).all()
     assert 0.97 < np.mean([one.misfit for one in found]) < 1.03
+
+
+def test_a_twist_that_turns_the_other_way_is_refused() -> None:
+    load = np.linspace(1e3, 60e3, 50)
+    angle = -_stiffening(TRUTH).at(load)[0]
+    with pytest.raises(BadInput, match="from behind"):
+        calibrate(_stiffening, load, angle, angle_sd=ANGLE_SD, pressure_share=SHARE, seed=SEED)

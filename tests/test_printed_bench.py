@@ -286,3 +286,15 @@ def test_the_shipped_film_gives_its_materials_back() -> None:
     assert ((interval[:, 0] < truth) & (truth < interval[:, 1])).all()
     assert (np.diff(interval)[:, 0] < 0.015 * truth).all()
     assert "redesign" not in vars(loop)  # nobody asked
+
+
+def test_a_camera_beyond_the_tip_sees_the_models_sign(recorded: tuple[Path, PrintedRun], tmp_path: Path) -> None:
+    path, run = recorded
+    assert cli.run(["twist", str(path), "--topic", "/camera/top", "--out", str(tmp_path / "twist.mcap")]) == 0
+    with Recording(tmp_path / "twist.mcap") as recording:
+        (topic,) = [name for name in recording.channels if name.startswith("/twist")]
+        seen = recording.signal(topic)
+    last = float(np.asarray(seen.value).reshape(len(seen), -1)[-1, 0])  # anticlockwise as the picture shows it
+    true = float(run.twist(np.array([18.0]))[0])
+    assert abs(true) > 0.01
+    assert last == pytest.approx(true, abs=0.1 * abs(true))

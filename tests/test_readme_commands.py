@@ -126,6 +126,7 @@ OPTIONS = {  # options that stand alone in the text, and the command that takes 
     "--sweep": "invert invert_twist",
     "--out MAP.npz": "invert invert_twist",
     "--view FILE.rrd": "invert invert_twist",
+    "--rate": "twist VIDEO --origin simulated",
     "--split": "replay STEPS.mcap",
     "--response": "replay MARKERS.mcap",
 }

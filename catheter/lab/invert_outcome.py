@@ -86,7 +86,8 @@ def outcome_of(  # noqa: PLR0917
         f"More than {MOST_DENSE} voxels: what the data determine is not worked out."
         if known is None
         else f"Singular values {known.singular[0]:.2e} to {known.singular[-1]:.2e}; posterior sd of log modulus: median"
-        f" {np.median(known.sd):.1e}, most {known.sd.max():.1e}; {(~known.seen).sum()} voxels not determined.",
+        f" {np.median(known.sd):.1e}, most {known.sd.max():.1e}; in {(~known.seen).sum()} voxels"
+        " what is believed of neighbours weighs more than the data.",
     ]
     return Outcome(values, parts)
 

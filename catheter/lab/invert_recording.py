@@ -83,7 +83,7 @@ def _say(outcome: Outcome, seen: "Marked", found: "Discrepancy") -> None:
         "left_out": list(seen.left_out),
     }
     where = ", ".join(
-        f"{one.pressure / 1e3:.4g} ({one.start_s:.1f} to {one.end_s:.1f} s)" for one in (seen.rest, *seen.stands)
+        f"{one.pressure / 1e3:.2f} ({one.start_s:.1f} to {one.end_s:.1f} s)" for one in (seen.rest, *seen.stands)
     )
     tried = ", ".join(f"{misfit:.3g} at {weight:.3g}" for weight, misfit in found.tried)
     outcome.parts[1:1] = [

@@ -31,7 +31,7 @@ def twist(loop: "DesignLoop") -> Outcome:
     values = {
         "frames": len(film.twist.time_s),
         "missing": film.missing,
-        "most_twist_rad": float(np.nanmax(np.abs(film.twist.value))),
+        "most_twist_rad": float(film.twist.value[np.nanargmax(np.abs(film.twist.value))]),
         "twist_sigma_rad": film.seen.sigma,
         "most_extension_m": float(np.nanmax(film.extension.value)),
     }

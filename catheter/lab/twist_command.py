@@ -5,7 +5,7 @@ import csv
 import json
 import math
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -79,8 +79,9 @@ def twist_(options: argparse.Namespace) -> Outcome:
     source = replace(source, origin=options.origin) if options.origin else source
     if out and out.suffix == ".mcap" and source.origin == UNSTATED:
         raise BadInput(source.path, "does not say where its frames are from", "state --origin measured or simulated")
-    with TemporaryDirectory() as folder:
-        shown = options.view or (Path(folder) / "twist.rrd" if options.picture else None)
+    unseen = options.picture and not options.view  # the dashboard that only a picture is taken of
+    with TemporaryDirectory() if unseen else nullcontext("") as folder:
+        shown = Path(folder) / "twist.rrd" if unseen else options.view
         kept, partial = _measure(source, _marker(options), out, Path(shown) if shown else None, options.force)
         outcome = Outcome({})
         if options.picture and shown:
@@ -92,6 +93,8 @@ def twist_(options: argparse.Namespace) -> Outcome:
         save(found, out, source, replace_it=options.force)
     if partial:
         partial.unlink(missing_ok=True)
+    if source.kind == "folder" and options.rate is None:
+        outcome.parts.append("The folder has no clock and --rate was not given: time_s counts pictures.")
     values = _values(kept, found, source) | {"out": options.out, "view": options.view}
     outcome.values, outcome.parts = values | outcome.values, [*_parts(values), *outcome.parts]
     return outcome
