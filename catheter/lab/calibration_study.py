@@ -55,7 +55,8 @@ def calibration(*, quick: bool, progress: Progress) -> Report:
         error="misses, difference in log modulus",
         rows=rows,
         notes=[
-            f"{SAMPLES} samples, camera noise 0.05 deg, the first frame's in all; pressure noise 1 %; band: {BAND[0]} to {BAND[1]}.",
+            f"{SAMPLES} samples, camera noise 0.05 deg, the first frame's in all of them; pressure noise 1 %.",
+            f"99 % band of 200: {BAND[0]} to {BAND[1]}.",
             f"The table of the model on 5 x 5 Chebyshev points took {tabulated:.1f} s.",
         ],
     )
