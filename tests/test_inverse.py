@@ -223,7 +223,7 @@ def test_constants_from_a_twist_curve_fall_into_their_intervals() -> None:
     few = groups(case.voxels, (case.truth > 0.6e6).astype(int))
     full = twist_curve(few, np.linspace(0, 45e3, 6)[1:])
     truth, table = np.array([0.21e6, 1.80e6]), np.array([0.20e6, 1.89e6])
-    model = surrogate(full, np.log(table), 0.3, 3)
+    model = surrogate(full, np.log(table), 0.6, 4)
     at = np.linspace(0.5e3, 40e3, 800)
     exact = full(np.log(truth)).at(at)[0]
     assert model(np.log(truth)).angle == pytest.approx(full(np.log(truth)).angle, abs=1e-5)
