@@ -78,15 +78,15 @@ def calibrate(
     if not (angle_sd > 0 and pressure_share >= 0):
         raise BadInput("calibration, noise", f"is {angle_sd:g} rad", "expected above 0")
     log, true, zero = np.log(seed), pressure, 0.0
-    if float(angle @ curve(log).at(pressure)[0]) < 0:
-        raise BadInput(
-            "calibration, twist",
-            f"reaches {np.degrees(angle[np.abs(angle).argmax()]):.1f} deg where the model turns the other way",
-            "expected anticlockwise, as seen from beyond the tip, above 0: was it filmed from behind?",
-        )
     for number in range(1, MOST_STEPS + 1):
         model = curve(log)
         value, slope, by_log = model.at(true)
+        if number == 1 and float(angle @ value) < 0:
+            raise BadInput(
+                "calibration, twist",
+                f"reaches {np.degrees(angle[np.abs(angle).argmax()]):.1f} deg where the model turns the other way",
+                "expected anticlockwise, as seen from beyond the tip, above 0: was it filmed from behind?",
+            )
         by_pressure = slope * pressure_share * true  # standard deviation of the twist from that of the pressure
         weight = 1 / np.hypot(angle_sd, by_pressure)
         left = angle - zero - value - slope * (pressure - true)

@@ -98,9 +98,7 @@ class MarkedRun:
     @cached_property
     def pressure_pa(self) -> Array:
         """What the gauge reads (n,)."""
-        exact = self.stairs.at(self.time_s)
-        noise = np.random.default_rng((self.gauge.seed, 0)).standard_normal((2, len(exact)))
-        return np.asarray(exact * (1 + self.gauge.share * noise[0]) + self.gauge.floor * noise[1])
+        return self.gauge.read(self.stairs.at(self.time_s))
 
     @cached_property
     def seen_s(self) -> Array:

@@ -91,6 +91,11 @@ class Gauge:
     floor: float = option(20.0, unit="Pa", least=0.0, most=1e6)
     seed: int = option(2019, least=0)
 
+    def read(self, exact: Array) -> Array:
+        """Return what it reads of true pressures (n,) [Pa]."""
+        noise = np.random.default_rng((self.seed, 0)).standard_normal((2, len(exact)))
+        return np.asarray(exact * (1 + self.share * noise[0]) + self.floor * noise[1])
+
 
 @dataclass(frozen=True, kw_only=True)
 class PrintedRun:
@@ -109,9 +114,7 @@ class PrintedRun:
     @cached_property
     def pressure_pa(self) -> Array:
         """What the gauge reads (n,)."""
-        exact = self.ramp.at(self.time_s)
-        noise = np.random.default_rng((self.gauge.seed, 0)).standard_normal((2, len(exact)))
-        return np.asarray(exact * (1 + self.gauge.share * noise[0]) + self.gauge.floor * noise[1])
+        return self.gauge.read(self.ramp.at(self.time_s))
 
     @cached_property
     def led(self) -> tuple[Array, Array]:

@@ -50,7 +50,7 @@ def save_view(
         with fresh(view, options.force) as temporary:
             save(temporary)
         outcome.values["view"] = str(view)
-        outcome.parts.append(f"Dashboard: {view}   (look at it with: rerun {view})")
+        outcome.parts.append(where(view))
         if picture:
             take(outcome, view, picture, force=options.force, at_s=at_s, count=count)
     elif picture:
@@ -70,6 +70,11 @@ def take(
         save_picture(rrd, temporary, at_s=at_s, count=count)
     outcome.values["picture"] = str(picture)
     outcome.parts.append(f"Picture: {picture}")
+
+
+def where(view: Path) -> str:
+    """Return the line that says where a dashboard is."""
+    return f"Dashboard: {view}   (look at it with: rerun {view})"
 
 
 def quiet() -> None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from catheter.lab.dashboard import where
 from catheter.lab.invert_live import Sought, live, outputs, resumed
 from catheter.lab.invert_outcome import outcome_of, sure_of
 from catheter.lab.outcome import Outcome, table
@@ -78,7 +79,7 @@ def invert_(options: argparse.Namespace) -> Outcome:
         outcome.parts.append(_palette_table(printed))
     if view:
         outcome.values["view"] = str(view)
-        outcome.parts.append(f"Dashboard: {view}   (look at it with: rerun {view})")
+        outcome.parts.append(where(view))
     return outcome
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from catheter.lab.dashboard import quiet
 from data.errors import BadInput
 from data.files import check_free
 from data.signal import Array
@@ -52,7 +53,7 @@ def live(sought: Sought, out: Path | None, view: Path | None) -> "Iterator[tuple
         status = stack.enter_context(Console(stderr=True).status(sought.title))
         shown = None
         if view:
-            os.environ.setdefault("RUST_LOG", "off")  # rerun's own log lines: we say what went wrong ourselves
+            quiet()
             from catheter.lab.views.inverse import InverseView
 
             shown = stack.enter_context(InverseView(view, sought))

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from catheter.lab.dashboard import where
 from catheter.lab.invert_live import Sought, keep, kept_in, live, outputs
 from catheter.lab.outcome import Outcome, table
 from catheter.lab.reach_study import Known, goals_of, studied
@@ -58,7 +59,7 @@ def reached(options: argparse.Namespace, scene: "Scene") -> Outcome:
         ["map", "how it ended", "rms mm", "s"], rows, f"{found.title} (simulated): distance of the centreline"
     )
     more = [f"Map: {out}"] if out else []
-    more += [f"Dashboard: {view}   (look at it with: rerun {view})"] if view else []
+    more += [where(view)] if view else []
     return Outcome(values, [shown_rows, *found.notes, *more])
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from catheter.lab.dashboard import where
 from catheter.lab.outcome import Outcome, table
 from data.errors import BadInput
 from data.files import check_inputs
@@ -62,7 +63,7 @@ def _mapped(options: argparse.Namespace, source: Path) -> Outcome:
     _say(outcome, seen, found)
     outcome.values |= {"view": options.view}
     outcome.parts += [f"Map: {out}"] if out else []
-    outcome.parts += [f"Dashboard: {view}   (look at it with: rerun {view})"] if view else []
+    outcome.parts += [where(view)] if view else []
     return outcome
 
 

@@ -6,7 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from catheter.lab.dashboard import quiet, take
+from catheter.lab.dashboard import quiet, take, where
 from catheter.lab.loop_stages import LAST, STAGES
 from catheter.lab.outcome import Outcome, progress, table
 from data.errors import BadInput
@@ -94,7 +94,7 @@ def replay_(options: argparse.Namespace) -> Outcome:
         if not options.no_view:
             _save_view(replayed, out, options.force)
             outcome.values |= {"view": str(out), "picture": None}
-            outcome.parts.append(f"Dashboard: {out}   (look at it with: rerun {out})")
+            outcome.parts.append(where(out))
             if picture:
                 take(outcome, out, picture, force=options.force)
     return outcome

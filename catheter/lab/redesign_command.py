@@ -4,13 +4,13 @@ Each of its parts is a command of its own too (`twist`, `twin`, `invert`, `print
 """
 
 import argparse
-import os
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from catheter.lab.dashboard import quiet, take, where
 from catheter.lab.loop_stages import LAST, told
 from catheter.lab.outcome import Outcome, progress
 from data.errors import BadInput
@@ -131,19 +131,13 @@ def _interruptible() -> None:
 
 
 def _view(loop: "DesignLoop", title: str, views: list[Path], force: bool) -> Outcome:
-    os.environ.setdefault("RUST_LOG", "off")  # rerun's own log lines: we say what went wrong ourselves
+    quiet()
     from catheter.lab.views.design_loop import save_loop
 
     out, *pictures = views
     with fresh(out, force) as temporary:
         save_loop(loop, title, temporary)
-    values: dict[str, Any] = {"view": str(out), "picture": None}
-    parts = [f"Dashboard: {out}   (look at it with: rerun {out})"]
+    outcome = Outcome({"view": str(out), "picture": None}, [where(out)])
     for picture in pictures:
-        from catheter.lab.views.picture import save_picture
-
-        with fresh(picture, force) as temporary:
-            save_picture(out, temporary)
-        values["picture"] = str(picture)
-        parts.append(f"Picture: {picture}")
-    return Outcome(values, parts)
+        take(outcome, out, picture, force=force)
+    return outcome
